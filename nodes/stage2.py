@@ -42,16 +42,19 @@ def init(
     carrier: Carrier,
     needs: SceneNeeds | None = None,
     transport: Transport | None = None,
+    views: Annotated[Views | None, facets(split="train")] = None,
     *,
     p: StartSettings,
 ) -> InitOut:
     """Where stage2.fit starts: base colour of the Stage I texture or one colour, else neutral, under white light.
 
     With `key_light` under a sun or lamp as well, where Stage I's texture tells of one; that takes the carrier's
-    `transport`. `needs` of scene.probe decides what is `auto`.
+    `transport`. With `light_moves` the light that is fitted moves with the cameras of the training `views`. `needs` of
+    scene.probe decides what is `auto`.
     """
     from exmesh_graph.stage2.init import neutral_asset
     from exmesh_graph.stage2.key_light import counts, described, find_key_light
+    from exmesh_graph.stage2.moving import axis_for
 
     settings, key = with_decisions(p, needs), None
     if settings.key_light:
@@ -63,7 +66,7 @@ def init(
         found = find_key_light(carrier, transport)
         ctx.log(described(found))
         key = found if counts(found) else None
-    return InitOut(neutral_asset(carrier, settings, key=key))
+    return InitOut(neutral_asset(carrier, settings, key=key, axis=axis_for(settings.light_moves, views)))
 
 
 class FitParams(DecompositionSettings, DeviceSettings):

@@ -61,7 +61,8 @@ def _make(options: argparse.Namespace) -> int:
     for name in options.names:
         began = time.perf_counter()
         place = make(
-            name, options.out, size, worlds=options.worlds, envmaps=options.envmaps, threads=options.threads
+            name, options.out, size, worlds=options.worlds, envmaps=options.envmaps, threads=options.threads,
+            moves=options.moves,
         )  # fmt: skip
         print(f"{name}: {place}, {time.perf_counter() - began:.0f} s", flush=True)
     return 0
@@ -95,6 +96,8 @@ def arguments() -> argparse.Namespace:
             part.add_argument("--quick", action="store_true", help="128 pixels, few views and samples")
             part.add_argument("--sample", action="store_true", help="as small as the sample of the repository")
             part.add_argument("--worlds", type=Path, help="the wheel of bpy 5.0.1, or a folder of its world pictures")
+            moves = "light that moves with the camera, into FOLDER/NAME_turntable or NAME_camera"
+            part.add_argument("--moves", choices=["turntable", "camera"], default="", help=moves)
             part.add_argument("--envmaps", type=Path, help="relight by the EXR maps of this folder too")
             part.add_argument("--threads", type=int, default=0)
     part = commands.add_parser("lights")

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +20,7 @@ from benchmarks.scenes.render import Stage
 from benchmarks.scenes.truth import Truth
 from benchmarks.scenes.verify import verify
 from exmesh_graph.io.images import read_image, write_image
+from exmesh_graph.shading.moving import light_turns
 
 
 @dataclass(frozen=True)
@@ -39,14 +42,22 @@ SAMPLE = Size(256, 36, 6, (100, 242, 128), 256, 64, hdr=False)
 
 
 def make(
-    name: str, out: Path, size: Size, *, worlds: Path | None = None, envmaps: Path | None = None, threads: int = 0
+    name: str,
+    out: Path,
+    size: Size,
+    *,
+    worlds: Path | None = None,
+    envmaps: Path | None = None,
+    threads: int = 0,
+    moves: str = "",
 ) -> Path:
     """Make what is missing of the scene in out / name; returns that folder.
 
     worlds   the wheel of bpy 5.0.1 or a folder of its world pictures, for scenes lit by one
     envmaps  a folder of EXR maps to relight the test views by besides the recipe's own
+    moves    "turntable" or "camera": what the light of the photographs moves with; the folder is out / name_moves
     """
-    recipe, folder = RECIPES[name], out / name
+    recipe, folder = RECIPES[name], out / (f"{name}_{moves}" if moves else name)
     for place in ("train", "test", "test_rli", "envmaps", "mesh"):
         (folder / place).mkdir(parents=True, exist_ok=True)
     began, busy = time.perf_counter(), time.process_time()
@@ -60,14 +71,15 @@ def make(
     files.write_cameras(folder / "transforms_test.json", "test", test, size.pixels)
     light, relit = _lights(folder, recipe, size, worlds, envmaps)
     stage = Stage(model, background=bool(recipe.ground), threads=threads)
-    noise = _test_pictures(folder, recipe, stage, size, test, light, relit)
-    _train_pictures(folder, recipe, stage, size, train, light, threads)
+    noise = _test_pictures(folder, recipe, stage, size, test, turning(light, test, moves), relit)
+    _train_pictures(folder, recipe, stage, size, train, turning(light, train, moves), threads)
     truth = Truth(model)
     _maps(folder, recipe, truth, size, train, test)
     if noise:
         files.write_json(folder / "noise.json", noise)
     if not (folder / "verify.json").is_file():
-        found = verify(stage, truth, test, {"train": light, **relit}, size.pixels, masked=not recipe.ground)
+        tried = relit if moves else {"train": light, **relit}
+        found = verify(stage, truth, test, tried, size.pixels, masked=not recipe.ground)
         files.write_json(folder / "verify.json", found)
     _note(
         folder,
@@ -103,6 +115,31 @@ def _lights(
     return light, relit
 
 
+#: The light of the photographs: one for all views, or one for each.
+Light = np.ndarray | Sequence[np.ndarray]
+
+
+def turning(light: np.ndarray, poses: list, moves: str) -> Light:
+    """The light of each view where it moves with the camera, as the file holds it for a camera at -y ("turntable"), or
+    for one that is held level there ("camera")."""
+    if not moves:
+        return light
+    opencv = np.stack(poses) @ np.diag([1.0, -1, -1, 1])
+    turns = light_turns(np.array([0, 0, float(moves == "turntable")]), opencv)
+    assert turns is not None
+    towards = lights.directions(len(light)).reshape(-1, 3)
+    to_file = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # from y up to z up
+    return [lights.lookup(light, towards @ (to_file @ turn).T).reshape(light.shape) for turn in turns]
+
+
+def lit(stage: Stage, light: Light, view: int) -> Any:
+    """The stage under the light of the photographs as it is for a view."""
+    if isinstance(light, np.ndarray):
+        return stage.lit("train", light)
+    stage.scenes.clear()
+    return stage.lit("train", light[view].astype(np.float32))
+
+
 def levelled(light: np.ndarray, level: float) -> np.ndarray:
     """Scaled so that its radiance over all directions adds up to `level`."""
     height = len(light)
@@ -111,12 +148,13 @@ def levelled(light: np.ndarray, level: float) -> np.ndarray:
 
 
 def _test_pictures(
-    folder: Path, recipe: Recipe, stage: Stage, size: Size, poses: list, light: np.ndarray, relit: dict
+    folder: Path, recipe: Recipe, stage: Stage, size: Size, poses: list, light: Light, relit: dict
 ) -> dict[str, float]:
     """Test views under the training light and relit; {picture: PSNR [dB] of two renderings of half the samples}."""
     noise: dict[str, float] = {}
     masked = not recipe.ground
-    plan = [(f"test/{k:03d}", "train", light, k, size.samples[1]) for k in range(len(poses))]
+    plan: list[tuple[str, str, Any, int, int]]
+    plan = [(f"test/{k:03d}", "train", None, k, size.samples[1]) for k in range(len(poses))]
     plan += [
         (f"test_rli/{name}_{k:03d}", name, value, k, size.samples[2])
         for name, value in relit.items()
@@ -126,7 +164,7 @@ def _test_pictures(
         suffix = "_rgba" if stem.startswith("test/") and masked else ""
         if (folder / f"{stem}{suffix}.png").is_file():
             continue
-        scene = stage.lit(name, value)
+        scene = lit(stage, light, view) if name == "train" else stage.lit(name, value)
         halves = [
             stage.picture(
                 scene, poses[view], size.pixels, samples // 2, recipe.seed * 10_000 + 2000 + 2 * number + part
@@ -145,12 +183,12 @@ def _psnr(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def _train_pictures(
-    folder: Path, recipe: Recipe, stage: Stage, size: Size, poses: list, light: np.ndarray, threads: int
+    folder: Path, recipe: Recipe, stage: Stage, size: Size, poses: list, light: Light, threads: int
 ) -> None:
     masked = not recipe.ground
     missing = [k for k in range(len(poses)) if not (folder / f"train/{k:03d}{'_rgba' if masked else ''}.png").is_file()]
     gains = wandering(len(poses), recipe.seed) if recipe.wander else np.ones((len(poses), 3))
-    boards = passers(poses, light, recipe.seed) if recipe.wander else {}
+    boards = passers(poses, light, recipe.seed) if recipe.wander and isinstance(light, np.ndarray) else {}
     if recipe.wander:
         files.write_json(folder / "wander.json", {
             "what": "train pictures: linear colour times gain (R, G, B), and a dark board that shades the object",
@@ -163,7 +201,7 @@ def _train_pictures(
         if k in boards:
             shaded.place_guest(boards[k])
         seed = recipe.seed * 10_000 + k
-        rgba = here.picture(here.lit("train", light), poses[k], size.pixels, size.samples[0], seed)
+        rgba = here.picture(lit(here, light, k), poses[k], size.pixels, size.samples[0], seed)
         rgba[..., :3] *= gains[k].astype(np.float32)
         files.write_photograph(folder / f"train/{k:03d}", rgba, masked=masked, hdr=False)
 

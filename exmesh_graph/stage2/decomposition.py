@@ -12,6 +12,7 @@ import torch
 from exmesh_graph.errors import DataError
 from exmesh_graph.rays import make_ray_tracer
 from exmesh_graph.shading import envmap
+from exmesh_graph.shading.moving import light_turns
 from exmesh_graph.shading.transport import check_fits
 from exmesh_graph.stage2.gains import CommonFactor, Exposure
 from exmesh_graph.stage2.gbuffer import ViewBuffer, ViewBuffers
@@ -36,11 +37,13 @@ MIN_LEVEL = 0.01
 
 @dataclass
 class Prepared:
-    """Maps and environment as a step sees them: values [T, C], radiance [H, W, 3], and what the light model made."""
+    """Maps and environment as a step sees them: values [T, C], radiance [H, W, 3], and what the light model made of
+    them, for all views or, under light that moves with the camera, for one view at a time."""
 
     values: torch.Tensor
     environment: torch.Tensor
     light: Any
+    appearance: Appearance
 
 
 class Decomposition:
@@ -66,16 +69,18 @@ class Decomposition:
             )
         start = start or neutral_asset(carrier)
         check_start(start, carrier, settings.metallic, settings.normal_map)
+        self.light_axis, self.turns = start.light_axis, light_turns(start.light_axis, views.camera_to_world)
         self.settings = settings
         self.geometry = CarrierGeometry(carrier, device)
         tracer = make_ray_tracer(carrier.vertices, carrier.faces, device)
         frames = TangentFrames(carrier, device) if settings.normal_map else None
         self.light: LightModel
         if not isinstance(transport, Transport):
-            self.light = SampledLight(transport, self.geometry, tracer, seed, frames)
+            self.light = SampledLight(transport, self.geometry, tracer, seed, frames, self.turns)
         else:
             check_fits(transport, carrier.vertices, carrier.faces)
-            self.light = PrecomputedLight(transport, self.geometry, tracer, settings, frames)
+            moves = self.turns is not None
+            self.light = PrecomputedLight(transport, self.geometry, tracer, settings, frames, moves)
         size = settings.texture_size or carrier.texture.shape[0]
         budget = buffer_budget(settings, device)
         self.buffers = ViewBuffers(self.geometry, self.light, views, size, settings.min_coverage, budget)
@@ -98,8 +103,9 @@ class Decomposition:
         """
         radiance = envmap.radiance_of(self.environment)
         values, environment = self.factor.share(self.maps.values(), radiance)
-        light = self.light.prepare(Appearance(self.maps, values, environment, strength, step))
-        return Prepared(values, radiance * self.factor.parameter.detach().exp(), light)
+        now = Appearance(self.maps, values, environment, strength, step, self.turns)
+        light = None if self.turns is not None else self.light.prepare(now)
+        return Prepared(values, radiance * self.factor.parameter.detach().exp(), light, now)
 
     def settle_factor(self) -> None:
         """Fold the common factor into the maps and the sky, which are whole without it afterwards."""
@@ -108,8 +114,14 @@ class Decomposition:
     def shade(self, buffer: ViewBuffer, prepared: Prepared) -> tuple[torch.Tensor, Material]:
         """Radiance [N, 3] of a view's pixels, in its exposure, and their material."""
         material = self.maps.read(prepared.values, buffer.texel, buffer.texel_weight)
-        radiance = self.light.radiance(buffer, material, prepared.light)
+        radiance = self.light.radiance(buffer, material, self.lit(buffer, prepared))
         return radiance if self.exposure is None else radiance * self.exposure.gain(buffer.number), material
+
+    def lit(self, buffer: ViewBuffer, prepared: Prepared) -> Any:
+        """What the light model's `radiance` of a view takes."""
+        if self.turns is None:
+            return prepared.light
+        return self.light.prepare(prepared.appearance.seen_by(buffer.number))
 
     def start(self) -> None:
         """Make ready for the first step: the light model's first measurement; a neutral sky as bright as the views."""
@@ -120,7 +132,8 @@ class Decomposition:
     @torch.no_grad()
     def measure(self, strength: float, generator: torch.Generator) -> None:
         """Let the light model measure again, at the current maps and environment."""
-        now = Appearance(self.maps, self.maps.values(), envmap.radiance_of(self.environment), strength)
+        sky = envmap.radiance_of(self.environment)
+        now = Appearance(self.maps, self.maps.values(), sky, strength, turns=self.turns)
         self.light.measure(now, self.buffers, generator)
 
     @cached_property

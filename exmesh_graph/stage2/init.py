@@ -64,13 +64,18 @@ def tint(carrier: Carrier, level: float) -> np.ndarray:
 
 
 def neutral_asset(
-    carrier: Carrier, settings: StartSettings | None = None, size: int = 0, key: KeyLight | None = None
+    carrier: Carrier,
+    settings: StartSettings | None = None,
+    size: int = 0,
+    key: KeyLight | None = None,
+    axis: np.ndarray | None = None,
 ) -> Asset:
     """Where a fit starts that knows no better: one roughness, one metallic, white light (`white_light`).
 
     Base colour is kept `MARGIN` away from 0 and 1, metallic `MARGIN` below 1; metallic 0 is no map.
     size  side of the maps in texels; 0: the texture's
     key   shines beside the white light
+    axis  what the light turns about with the camera (types.Asset.light_axis)
     """
     settings = settings or StartSettings()
     size, metallic = size or carrier.texture.shape[0], settings.metallic
@@ -87,6 +92,7 @@ def neutral_asset(
         seen=np.zeros((size, size), bool),
         environment=light,
         metallic=np.full((size, size), min(metallic, 1 - MARGIN), np.float32) if metallic > 0 else None,
+        light_axis=axis,
     )
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import torch
 
 from exmesh_graph.shading.gather import gather_rows
+from exmesh_graph.shading.moving import turned
 from exmesh_graph.stage2.init import NARROW_MARGIN, logit, resize_texture
 from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.stage2.surface import slopes_of
@@ -172,6 +173,7 @@ class Appearance:
     values       [T, C], MaterialMaps.values()
     environment  [H, W, 3], radiance
     strength     lambda_ind of eq. 20
+    turns        how each view turns the environment (shading.moving.light_turns); None: it stands still
     """
 
     maps: MaterialMaps
@@ -179,3 +181,10 @@ class Appearance:
     environment: torch.Tensor
     strength: float = 1.0
     step: int = 0
+    turns: np.ndarray | None = None
+
+    def seen_by(self, number: int) -> Appearance:
+        """The same with the environment as it stands in the world when view `number` is taken."""
+        if self.turns is None:
+            return self
+        return replace(self, environment=turned(self.environment, self.turns[number]), turns=None)

@@ -14,6 +14,7 @@ from exmesh_graph.gpu.cores import share
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.raster import rasterize
 from exmesh_graph.shading.gather import gather_rows
+from exmesh_graph.shading.moving import light_turns
 from exmesh_graph.shading.settings import TransportSettings
 from exmesh_graph.shading.transport import direct_transport, with_bounces
 from exmesh_graph.stage2.scene import Body, Lighting, Scene, shade
@@ -73,7 +74,8 @@ def render_views(
     """Render an asset.
 
     intrinsics [N, 3, 3] and camera_to_world [N, 4, 4] as types.Views; environment [h, w, 3] canonical lat-long, None
-    for the asset's own. Diffuse light by `transport`, which brings its own number of interreflections; where it is
+    for the asset's own, which may move with the camera.
+    Diffuse light by `transport`, which brings its own number of interreflections; where it is
     None, one with `bounces` is traced here. Specular by `specular_samples` GGX rays for each of the supersampling^2
     samples of a pixel, with the mesh mirrored in itself. Coverage is antialiased by the same samples.
     A normal map bends the normals of what the camera sees; the mesh's own light starts from smooth ones.
@@ -110,13 +112,19 @@ def render_under(
     between  nearest and farthest z depth [N, H, W] of each pixel: samples that meet no surface there are empty
     """
     scenes = body.under(lightings)
+    own = [k for k, lighting in enumerate(lightings) if lighting.environment is None]
+    turns = light_turns(body.asset.light_axis, camera_to_world) if own else None
     done, told = itertools.count(1), threading.Lock()
 
     def one(number: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
         generator = torch.Generator().manual_seed((seed << 20) + number)  # a view's own: whoever renders it
         camera = (intrinsics[number], camera_to_world[number])
         depths = None if between is None else (between[0][number], between[1][number])
-        result = _render(body, scenes, *camera, height, width, supersampling, specular_samples, generator, depths)
+        here = list(scenes)
+        if turns is not None:
+            for k, scene in zip(own, body.under([lightings[k] for k in own], turns[number]), strict=True):
+                here[k] = scene
+        result = _render(body, here, *camera, height, width, supersampling, specular_samples, generator, depths)
         if progress:
             with told:
                 progress(next(done), len(intrinsics))

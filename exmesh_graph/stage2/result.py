@@ -61,6 +61,7 @@ def finished_asset(carrier: Carrier, model: Decomposition) -> Asset:
         seen=seen_image,
         confidence=confidence_image,
         environment=envmap.radiance_of(model.environment).cpu().numpy(),
+        light_axis=model.light_axis,
     )
 
 

@@ -16,6 +16,7 @@ from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.envmap import Pyramid
 from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.shading.lattice import locate
+from exmesh_graph.shading.moving import turned
 from exmesh_graph.shading.operators import LightTransport, VectorTransport
 from exmesh_graph.shading.specular import scattered
 from exmesh_graph.shading.suns import find_suns, sun_transfer
@@ -106,12 +107,16 @@ class Body:
         """What materials [N, C] send on to other parts of the body, f [N, 3] (shading.specular.scattered)."""
         return scattered(material[:, :3], material[:, 3], material[:, 4] if self.metallic else None)
 
-    def under(self, lightings: Sequence[Lighting]) -> list[Scene]:
-        """The body under each of the lightings; one environment is prepared once."""
+    def under(self, lightings: Sequence[Lighting], turn: np.ndarray | None = None) -> list[Scene]:
+        """The body under each of the lightings; one environment is prepared once. `turn` [3, 3] turns its own, where
+        that moves with the camera (shading.moving)."""
         skies: dict[int, Environment] = {}
         scenes = []
+        own = self.asset.environment
+        if turn is not None:
+            own = turned(tensor_of(own), turn).numpy()
         for lighting in lightings:
-            radiance = self.asset.environment if lighting.environment is None else lighting.environment
+            radiance = own if lighting.environment is None else lighting.environment
             if id(radiance) not in skies:
                 skies[id(radiance)] = Environment(self, radiance)
             scenes.append(Scene(self, skies[id(radiance)], lighting))

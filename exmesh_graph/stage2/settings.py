@@ -33,6 +33,11 @@ class StartSettings(Params):
         doc="Look in Stage I's texture for a sun, or a lamp that outshines all else, and start with it, whose shadows "
         "end in the base colour otherwise.",
     )
+    light_moves: Annotated[Literal[False, "turntable", "camera"], Auto("needs"), Takes("views")] = param(
+        False,
+        doc="What the light moves with: nothing; as lamps beside a turntable, about the axis that level cameras stand "
+        "around; with the camera in every way, as its own flash.",
+    )
 
 
 class FitSettings(Params):

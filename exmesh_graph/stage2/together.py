@@ -60,12 +60,12 @@ def told(model: Decomposition) -> tuple[torch.Tensor, float]:
         buffer = model.buffers[number]
         predicted, material = model.shade(buffer, prepared)
         ends = [(material.roughness + side * STEP).clamp(low, 1) for side in (-1, 1)]
-        radiance = []
+        radiance, lit = [], model.lit(buffer, prepared)
         for roughness in ends:
             table = material.table.clone()
             table[:, 3] = roughness
             other = Material(table, material.has_metallic, material.has_normal)
-            radiance.append(model.light.radiance(buffer, other, prepared.light))
+            radiance.append(model.light.radiance(buffer, other, lit))
         slope = (radiance[1] - radiance[0]) / (ends[1] - ends[0])[:, None] / (1 + predicted.clamp_min(0))
         slope = torch.where(buffer.clipped, torch.zeros_like(slope), slope).square().sum(1)
         share = (buffer.texel_weight * slope[:, None]).double()

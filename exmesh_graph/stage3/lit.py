@@ -17,8 +17,10 @@ Normals weigh faces by their angles at the start.
 
 from __future__ import annotations
 
+import copy
 from typing import NamedTuple
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 
@@ -29,6 +31,7 @@ from exmesh_graph.raster import project, rasterize_projected
 from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.envmap import Pyramid
 from exmesh_graph.shading.gather import gather_rows
+from exmesh_graph.shading.moving import light_turns, turned
 from exmesh_graph.shading.operators import at_surface
 from exmesh_graph.shading.specular import PrefilteredStack, directional_albedo, reflectance_table
 from exmesh_graph.shading.suns import Suns
@@ -66,6 +69,7 @@ class Lit(UVTexture):
     def __init__(self, asset: Asset, transport: Transport, lobe_samples: int, seed: int, device: str = "cpu") -> None:
         super().__init__(torch.tensor(asset.texture, dtype=torch.float32, device=device))
         self.light = VertexLight(asset, transport, device)
+        self.lights: dict[bytes, VertexLight] = {}  # of each view, where the light moves with the camera
         self.samples, self.seed = lobe_samples, seed
         self.shown: dict[bytes, Shown] = {}
         self.mean = torch.zeros_like(self.light.start)
@@ -77,10 +81,13 @@ class Lit(UVTexture):
         Once: later calls change nothing."""
         if self.shown:
             return
-        vertices, faces, light = surface.vertices.detach(), surface.faces.long(), self.light
+        vertices, faces = surface.vertices.detach(), surface.faces.long()
+        cameras = torch.linalg.inv(targets.world_to_camera.double()).cpu().numpy()
+        turns = light_turns(self.light.body.asset.light_axis, cameras)
 
         def of(number: int) -> Shown:
             pose = targets.world_to_camera[number]
+            light = self.lights[_key(pose)] = self.light.turned(None if turns is None else turns[number])
             place = project(vertices, targets.intrinsics[number], pose)
             face_id = rasterize_projected(place, surface.faces, targets.height, targets.width).face_id
             seen = torch.zeros(len(vertices), dtype=torch.bool, device=vertices.device)
@@ -92,13 +99,14 @@ class Lit(UVTexture):
         total, count = torch.zeros_like(self.mean), torch.zeros_like(self.mean[:, :1])
         for pose, shown in zip(targets.world_to_camera, share(of, range(len(targets))), strict=True):
             self.shown[_key(pose)] = shown
-            total[shown.vertices] += light.display(vertices, pose, shown)
+            total[shown.vertices] += self.lights[_key(pose)].display(vertices, pose, shown)
             count[shown.vertices] += 1
         self.mean = total / count.clamp(min=1)
 
     def tints(self, vertices: torch.Tensor, world_to_camera: torch.Tensor) -> torch.Tensor:
         shown = self.shown[_key(world_to_camera)]
-        tint = self.light.display(vertices, world_to_camera, shown) - self.mean[shown.vertices]
+        light = self.lights[_key(world_to_camera)]
+        tint = light.display(vertices, world_to_camera, shown) - self.mean[shown.vertices]
         return torch.zeros_like(self.mean).index_copy(0, shown.vertices, tint)
 
 
@@ -108,23 +116,37 @@ class VertexLight:
     @torch.no_grad()
     def __init__(self, asset: Asset, transport: Transport, device: str = "cpu") -> None:
         self.body = body = Body(asset, transport, device)
-        (scene,) = body.under([Lighting()])
         self.faces = body.geometry.faces
         count = len(body.geometry.vertices)
         self.face, self.bary = _carrying(self.faces, count)
         self.material = gather_rows(body.maps, *body.texels(self.face, self.bary))[:, : 5 if body.metallic else 4]
+        self.angles = corner_angles(body.geometry.vertices, self.faces)
+        self.start = weighted_normals(body.geometry.vertices, self.faces, self.angles)
+        height, width = asset.environment.shape[:2]
+        self.stack = PrefilteredStack(height, width, device)
+        self.table = reflectance_table(device=device)
+        self._light(None)
+
+    def turned(self, turn: np.ndarray | None) -> VertexLight:
+        """The same under the asset's environment turned by `turn` [3, 3] (shading.moving); None: as it is."""
+        if turn is None:
+            return self
+        other = copy.copy(self)
+        other._light(turn)
+        return other
+
+    @torch.no_grad()
+    def _light(self, turn: np.ndarray | None) -> None:
+        """What depends on the environment."""
+        body = self.body
+        (scene,) = body.under([Lighting()], turn)
         points = body.points(self.face, self.bary)
         self.sent = body.sends(gather_rows(body.maps, *body.lattice_texels)) * scene.irradiance
         vector = body.vectors.vector(scene.environment.binned, self.sent) + _of_suns(body, scene)
         self.irradiance = gather_rows(scene.irradiance, *points)
         self.vector = gather_rows(vector, *points)
-        self.angles = corner_angles(body.geometry.vertices, self.faces)
-        self.start = weighted_normals(body.geometry.vertices, self.faces, self.angles)
-        radiance = tensor_of(asset.environment).to(device)
-        height, width = radiance.shape[:2]
-        self.stack = PrefilteredStack(height, width, device)
+        radiance = turned(tensor_of(body.asset.environment), turn).to(self.vector.device)
         self.rows, self.pyramid = self.stack.build(radiance), Pyramid(radiance)
-        self.table = reflectance_table(device=device)
         self.kernels = VertexKernels(self._tables()) if serves(body.geometry.vertices) else None
 
     def display(self, vertices: torch.Tensor, world_to_camera: torch.Tensor, shown: Shown) -> torch.Tensor:

@@ -38,6 +38,8 @@ class Asset(Carrier):
     environment  float32 [H, W, 3], as EnvMap.radiance
     confidence   float32 [R, R] in [0, 1), how much the training views tell of a texel (stage2.result), 0 where it was
                  filled; None when not known
+    light_axis   float32 [3]: the axis that the environment turns about with the camera, as lamps beside a turntable do,
+                 or zeros where it is fixed to the camera (shading.moving has its frame); None when it stands still
     """
 
     type_name: ClassVar[str] = "Asset"
@@ -46,6 +48,7 @@ class Asset(Carrier):
         **Carrier.layout, "base_color": "float32 height width 3", "roughness": "float32 height width",
         "seen": "bool height width", "environment": "float32 H W 3", "normal": "float32? height width 3",
         "metallic": "float32? height width", "confidence": "float32? height width",
+        "light_axis": "float32? 3",
     }  # fmt: skip
     base_color: np.ndarray
     roughness: np.ndarray
@@ -54,3 +57,4 @@ class Asset(Carrier):
     normal: np.ndarray | None = None
     metallic: np.ndarray | None = None
     confidence: np.ndarray | None = None
+    light_axis: np.ndarray | None = None

@@ -167,3 +167,18 @@ def test_mitsuba_draws_what_the_sum_over_texels_says(ball_and_box):
         light = lights.reduced(lights.PROCEDURAL[name](3), 64)
         ratio = direct_light(stage, truth, pose, name, light, 64)
         assert np.median(ratio) == pytest.approx(1, abs=0.02), name
+
+
+@pytest.mark.parametrize("moves", ["turntable", "camera"])
+def test_light_that_moves_is_the_file_for_a_level_camera_before_the_object(moves):
+    """From the side it is turned by a quarter, as the camera is."""
+    light = np.random.default_rng(0).random((16, 32, 3)).astype(np.float32)
+    before = np.eye(4)
+    before[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]  # right +x, up +z, looking along +y
+    aside = np.eye(4)
+    aside[:3, :3] = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]]) @ before[:3, :3]
+    here, there = make.turning(light, [before, aside], moves)
+    np.testing.assert_allclose(here, light, atol=1e-5)
+    at = lights.toward(30.0, 20.0), lights.toward(120.0, 20.0)
+    np.testing.assert_allclose(lights.lookup(there, at[1][None]), lights.lookup(light, at[0][None]), atol=1e-5)
+    assert make.turning(light, [before], "") is light

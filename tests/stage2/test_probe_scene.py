@@ -120,6 +120,23 @@ def test_a_hollow_object_keeps_it_and_it_pays(hollow, hollow_probe):
     assert _held_out(*hollow, decision.value, test) > _held_out(*hollow, 0, test) + 0.1
 
 
+def test_light_that_stands_still_is_left_to_stand(matte_probe, hollow_probe):
+    for probed in (matte_probe, hollow_probe):
+        decision = probed.needs.decisions["light_moves"]
+        assert decision.value is False
+        assert {"still", "turntable", "camera"} <= set(decision.evidence)
+
+
+def test_light_that_turns_with_a_turntable_is_found_to(matte):
+    moving = dataclasses.replace(matte[0], light_axis=np.array([0, 1, 0], np.float32))
+    needs = probe_scene(carrier_of(moving), photographed(moving), thorough=False).needs
+    decision = needs.decisions["light_moves"]
+    assert decision.value == "turntable"
+    assert decision.gain > 3
+    assert decision.evidence["turntable"] < 0.5 * decision.evidence["still"]
+    assert needs.decisions["key_light"].value is False
+
+
 def test_many_colours_move_with_the_light_from_the_first_step(matte_probe):
     decision = matte_probe.needs.decisions["light_first"]
     assert decision.value == 0
@@ -269,6 +286,7 @@ def test_the_probe_starts_its_fits_with_the_sun_that_it_found(matte, monkeypatch
     told = []
     made = ShortFit.__init__
     monkeypatch.setattr(ShortFit, "__init__", lambda self, *a, **k: told.append(a[5]) or made(self, *a, **k))
+    monkeypatch.setattr(scene, "MOVING_HINT", 0.0)  # no fits under a light that moves
     for gain, taken in ((0.05, True), (0.02, False)):
         found = KeyLight(np.array([0.0, 0.8, 0.6]), 3.0, 0, gain)
         monkeypatch.setattr(scene, "find_key_light", lambda carrier, light, found=found: found)
@@ -311,7 +329,7 @@ def test_every_decision_has_its_numbers_and_a_sentence(hollow_probe):
         assert row["reason"].endswith(".")
         assert row["cost"] >= 1
         assert (
-            row["name"] in ("texture_size", "technique", "roughness", "light_first", "key_light")
+            row["name"] in ("texture_size", "technique", "roughness", "light_first", "key_light", "light_moves")
             or row["seconds_ratio"] > 0
         )
     assert 0 < hollow_probe.needs.geometry["blocked"] < 1

@@ -12,6 +12,7 @@ from exmesh_graph.colour import srgb_to_linear
 from exmesh_graph.errors import GeometryError
 from exmesh_graph.geometry.adjacency import angle_weighted_normals
 from exmesh_graph.gpu.torch_setup import sharing
+from exmesh_graph.shading.moving import light_turns, turned
 from exmesh_graph.shading.settings import BounceSettings, TransportSettings
 from exmesh_graph.shading.transport import direct_transport, with_bounces
 from exmesh_graph.stage1.init import initial_state
@@ -119,6 +120,32 @@ def test_a_vertex_is_lit_as_rays_say(metallic):
     # what a ray meets sends its points' products here, the product of their means there
     assert float(error.median()) < 1e-5
     assert float(error.max()) < 0.03
+
+
+@pytest.mark.parametrize("axis", [(0, 1, 0), (0, 0, 0)])
+def test_light_that_moves_lights_a_vertex_as_it_stands_for_the_view(axis):
+    one = replace(dented(truth(), 0.08), light_axis=np.array(axis, np.float32))
+    light, poses = light_of(one), seen().camera_to_world
+    turn = light_turns(one.light_axis, poses)[3]
+    here = turned(torch.from_numpy(one.environment), turn).numpy()
+    moving, still = VertexLight(one, light).turned(turn), VertexLight(replace(one, environment=here), light)
+    pose, vertices = torch.from_numpy(np.linalg.inv(poses[3])), still.body.geometry.vertices
+    chosen = torch.arange(0, len(vertices), 3)
+    shown = [
+        lit.display(vertices, pose, Shown(chosen, lit.specular_scale(pose, chosen, 16, 1))) for lit in (moving, still)
+    ]
+    torch.testing.assert_close(*shown, rtol=1e-4, atol=1e-5)
+
+
+def test_pictures_under_light_that_moves_are_fitted_under_it():
+    """The texture starts as a median of views; once it is fitted, what moves about it is the light's."""
+    whole = replace(truth(), light_axis=np.array([0, 1, 0], np.float32))
+    pictures = views(whole, 12, 64)
+    begun = replace(whole, texture=initial_state(whole, pictures).texture)
+    short, left = ReshapeSettings(iterations=60, lobe_samples=8, texture_lr=0.02), []
+    for one in (begun, replace(begun, light_axis=None)):
+        left.append(np.mean(reshape(one, pictures, light_of(one), short)[1]["psnr"][-3:]))
+    assert left[0] > left[1] + 3
 
 
 def test_its_gradient_says_what_moved_vertices_change():

@@ -35,7 +35,7 @@ nodes:
   settle: {iterations: 30}
   light: {directions: 32}
   probe: null
-  neutral: {roughness: 0.5, key_light: false, needs: null}
+  neutral: {roughness: 0.5, key_light: false, light_moves: false, needs: null}
   bounce: {bounces: 1, needs: null}
   pbr: {needs: null, metallic: false, light_first: 0, texture_size: 64, environment_height: 16}
   reshape: {iterations: 2, lobe_samples: 2}

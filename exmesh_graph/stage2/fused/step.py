@@ -16,6 +16,7 @@ from exmesh_graph.losses import log_l1, pair_variation
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.env_sampling import EnvSampler
 from exmesh_graph.shading.monte_carlo import Drawn
+from exmesh_graph.shading.moving import turned
 from exmesh_graph.shading.specular import scattered
 from exmesh_graph.stage2.decomposition import Decomposition
 from exmesh_graph.stage2.fused.maps import read_maps
@@ -53,7 +54,10 @@ def view_terms(model: Decomposition, buffer: ViewBuffer, strength: float, step: 
     """The terms of one view with lambda_ind = `strength`; differentiable in maps, sky and common factor."""
     radiance, gain = envmap.radiance_of(model.environment), model.factor.parameter.exp()
     of = _under_samples if isinstance(model.light, SampledLight) else _under_transport
-    *terms, predicted = of(model, buffer, radiance * gain, gain, Moment(strength, step))
+    sky = radiance * gain
+    if model.turns is not None:
+        sky = turned(sky, model.turns[buffer.number])
+    *terms, predicted = of(model, buffer, sky, gain, Moment(strength, step))
     log_l1, d_ssim, variation = terms
     return ViewTerms(log_l1, d_ssim, variation, predicted, radiance * model.factor.parameter.detach().exp())
 

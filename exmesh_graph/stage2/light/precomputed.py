@@ -93,8 +93,11 @@ class PrecomputedLight:
         tracer: RayTracer,
         settings: DecompositionSettings,
         frames: TangentFrames | None = None,
+        moves: bool = False,
     ) -> None:
+        """moves  whether the light moves with the camera: another environment for every view"""
         self.geometry, self.tracer, self.settings, self.frames = geometry, tracer, settings, frames
+        self.moves = moves
         device = geometry.device
         self.operators = LightTransport(transport, device)
         height = settings.environment_height
@@ -108,7 +111,7 @@ class PrecomputedLight:
         bary = tensor_of(transport.point_bary).to(device)
         self._point_uv = (corners * bary[..., None]).sum(1)
         self.suns: FittedSuns | None = None
-        self.deeper = Deeper() if transport.deeper else None
+        self.deeper = Deeper() if transport.deeper and not moves else None  # it is kept from step to step
         self._footprint: Footprint | None = None
 
     def texels(self, size: int) -> torch.Tensor:
@@ -220,6 +223,10 @@ class PrecomputedLight:
 
     @torch.no_grad()
     def measure(self, appearance: Appearance, buffers: Iterable[ViewBuffer], generator: torch.Generator) -> None:
+        if appearance.turns is not None:
+            for buffer in buffers:
+                self.measure(appearance.seen_by(buffer.number), [buffer], generator)
+            return
         maps, values, environment = appearance.maps, appearance.values, appearance.environment
         self.find_suns(environment, buffers)
         prepared = self.prepare(appearance)
@@ -242,8 +249,8 @@ class PrecomputedLight:
 
     @torch.no_grad()
     def find_suns(self, environment: torch.Tensor, buffers: Iterable[ViewBuffer]) -> None:
-        """Keep small suns of `environment` [H, W, 3] apart from now on."""
-        if self.frames is None:  # their light is kept per pixel, for its smooth normal
+        """Keep small suns of `environment` [H, W, 3] apart from now on, where they stand still."""
+        if self.frames is None and not self.moves:  # their light is kept per pixel, for its smooth normal
             self.suns = find_fitted_suns(environment, self.operators, self.geometry, self.tracer, buffers)
 
     def state(self, buffers: Iterable[ViewBuffer]) -> dict[str, Any]:

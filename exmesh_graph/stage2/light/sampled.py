@@ -28,6 +28,7 @@ from exmesh_graph.shading.monte_carlo import (
     coarse_points,
 )
 from exmesh_graph.shading.monte_carlo.points import mixed
+from exmesh_graph.shading.moving import turned
 from exmesh_graph.stage2.gbuffer import ViewBuffer
 from exmesh_graph.stage2.maps import Appearance, Material, MaterialMaps
 from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples, TangentFrames, bent, texel_footprint
@@ -88,10 +89,13 @@ class SampledLight:
         tracer: RayTracer,
         seed: int,
         frames: TangentFrames | None = None,
+        turns: np.ndarray | None = None,
     ) -> None:
+        """turns  of every view, where the light moves with the camera (shading.moving.light_turns)"""
         self.settings, self.geometry, self.seed, self.frames = settings, geometry, seed, frames
         self.light = MonteCarloLight(geometry, tracer, settings)
         self.frozen: tuple[torch.Tensor, torch.Tensor] | None = None
+        self.turns = turns
         self.caches: dict[int, SampleCache] = {}
 
     def texels(self, size: int) -> torch.Tensor:
@@ -164,6 +168,8 @@ class SampledLight:
         """How a slot of the view's kept rays is drawn: from the frozen maps and environment, by a seed of its own."""
         assert self.frozen is not None
         values, environment = self.frozen
+        if self.turns is not None:
+            environment = turned(environment, self.turns[buffer.number])
 
         def draw(slot: int) -> Drawn:
             read = maps.read(values, buffer.texel, buffer.texel_weight)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from exmesh_graph.stage2.key_light import counts, described
+from exmesh_graph.stage2.moving import Moves, Told
 from exmesh_graph.stage2.probe.gain import Gain
 from exmesh_graph.stage2.probe.geometry import ShapeMeasures, TexelBudget
 from exmesh_graph.stage2.probe.light import Baked
@@ -76,6 +77,22 @@ def decide_key_light(found: KeyLight) -> Decision:
     """Whether the fit starts with the light that `stage2.key_light` found."""
     evidence = {"strength": found.strength, "reach": float(found.reach), "share_explained": found.gain}
     return Decision(counts(found), None, None, 1.0, described(found), evidence)
+
+
+def decide_moving(told: Told | None, gains: Mapping[Moves, Gain], hint: float, least: float) -> Decision:
+    """What the light moves with: the `gains` of short fits under it over one under a light that stands decide, where
+    colours gave a `hint` so clear that such fits were made."""
+    if told is None:
+        return Decision(False, None, None, 1.0, "No place is seen by views enough to tell whether the light moves.")
+    evidence = {name: value for name, value in told._asdict().items() if value is not None}
+    if not gains:
+        reason = f"A light that moves with the camera explains no more ({told.hint():.2f}, asked from {hint:g} down)."
+        return Decision(False, None, None, 1.0, reason, evidence)
+    best = max(gains, key=lambda name: gains[name].gain)
+    evidence |= {f"gain_of_{name}": gain.gain for name, gain in gains.items()}
+    with_what = "a turntable" if best == "turntable" else "the camera"
+    found = decide_part([gains[best]], 1.0, f"Light that moves with {with_what}", least)
+    return replace(found, value=best if found.value else False, evidence=evidence)
 
 
 def decide_bounces(findings: list[Baked], costs: list[float], held: Gain, shape: ShapeMeasures) -> Decision:

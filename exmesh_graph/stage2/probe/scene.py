@@ -7,13 +7,17 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from exmesh_graph.shading.settings import TransportSettings
 from exmesh_graph.stage2.key_light import find_key_light
+from exmesh_graph.stage2.moving import Moves, axis_for, tell
 from exmesh_graph.stage2.probe.decide import (
     decide_bounces,
     decide_environment,
     decide_key_light,
     decide_light_first,
+    decide_moving,
     decide_sharp,
     decide_technique,
     decide_texture,
@@ -39,6 +43,9 @@ TEXELS, LEAST_TEXELS, CONVEX, MOST_BOUNCES, SKIES = 128, 16, 1e-3, 3, (64, 128)
 #: what is rough end alike from either (within 0.6 dB), fits from 0.5 of dark glaze stay 2 dB below.
 SHARP, NEUTRAL = 0.2, 0.5
 SHARP_HINT, LONG_STEPS, SHARP_LEAST = 0.8, 500, 1.0
+#: What a light that moves may leave of what one that stands leaves (stage2.moving) for fits to be made of it, and what
+#: these must gain [dB].
+MOVING_HINT, MOVING_LEAST = 0.9, 1.0
 #: Share of a fit's steps that move the light alone, where such steps are wanted.
 LIGHT_FIRST = 0.25
 #: Mean squared error (40 dB) below which no relit picture comes: the least that baked light is weighed against.
@@ -78,10 +85,15 @@ class _Probe:
         self.progress, self.steps = progress, 0
         self.sample = sample_views(views)
         self.transport = traced(carrier)
-        found = find_key_light(carrier, self.transport)
-        self.decisions: dict[str, Decision] = {"key_light": decide_key_light(found)}
-        self.key = found if self.decisions["key_light"].value else None
-        self.fit = ShortFit(carrier, self.sample, self._side(self.sample), seed, self.transport, self.key)
+        self.decisions: dict[str, Decision] = {}
+        self.axis, self.key = self._moving(), None
+        if self.axis is None:  # shade that moves is in no texture
+            found = find_key_light(carrier, self.transport)
+            self.decisions["key_light"] = decide_key_light(found)
+            self.key = found if self.decisions["key_light"].value else None
+        else:
+            self.decisions["key_light"] = Decision(False, None, None, 1.0, "The light moves with the camera.")
+        self.fit = self._fit(self.sample)
         self.shape = measure_shape(self.transport, carrier.vertices, carrier.faces)
         self.long: ShortFit | None = None
         self.seconds: dict[str, float] = {}
@@ -114,6 +126,26 @@ class _Probe:
         geometry |= {"placebo_gain": self.placebo.gain, "views": len(self.sample.views), "factor": self.sample.factor}
         return Probed(SceneNeeds(self.decisions, geometry), self.seconds)
 
+    def _fit(self, sample: Sample, *, other: bool = False) -> ShortFit:
+        """A fit of the sample from its start."""
+        side, seed = self._side(sample), self.seed + other
+        return ShortFit(self.carrier, sample, side, seed, self.transport, self.key, self.axis)
+
+    def _moving(self) -> np.ndarray | None:
+        """Decide what the light moves with: where colours hint at it, short fits under one that stands and under those
+        that move. Returns the axis (types.Asset.light_axis)."""
+        told, views = tell(self.carrier, self.sample.views), self.sample.views
+        gains: dict[Moves, Gain] = {}
+        if told is not None and told.hint() < MOVING_HINT:
+            self.axis = self.key = None
+            still = self._fit(self.sample).run(BASE_STEPS)
+            moves: list[Moves] = ["camera"] if told.turntable is None else ["turntable", "camera"]
+            for name in moves:
+                self.axis = axis_for(name, views)
+                gains[name] = self._gain(still, self._fit(self.sample).run(BASE_STEPS))
+        self.decisions["light_moves"] = decide_moving(told, gains, MOVING_HINT, MOVING_LEAST)
+        return next((axis_for(name, views) for name in gains if name == self.decisions["light_moves"].value), None)
+
     def _side(self, sample: Sample) -> int:
         """Maps that the coarse pixels can feed."""
         alpha = sample.views.alpha[: sample.fitted]
@@ -142,8 +174,7 @@ class _Probe:
     def _begun(self, bounces: int, other: bool, fitted: int = FITTED, held: int = HELD) -> ShortFit:
         """The beginning of fits under the first or the `other` split of some views."""
         sample = sample_views(self.views, fitted, held, other=other)
-        begun = ShortFit(self.carrier, sample, self._side(sample), self.seed + other, self.transport, self.key)
-        return begun.forked(Part(bounces=bounces))
+        return self._fit(sample, other=other).forked(Part(bounces=bounces))
 
     def _light_first(self, start: ShortFit, thorough: bool) -> None:
         """Decide whether the fit's first steps move the light alone. What is the light's and what the paint's on walls

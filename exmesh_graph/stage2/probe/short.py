@@ -136,11 +136,13 @@ class ShortFit:
         seed: int = 0,
         transport: Transport | None = None,
         key: KeyLight | None = None,
+        axis: np.ndarray | None = None,
     ) -> None:
-        """transport  the carrier's `traced` one;  key  what it starts with beside white light"""
+        """transport  the carrier's `traced` one;  key  what it starts with beside white light;  axis  what the light
+        turns about with the camera (types.Asset.light_axis)"""
         self.transport = transport or traced(carrier)
-        self.seed, self.carrier, self.key = seed, carrier, key
-        self.start = neutral_asset(carrier, StartSettings(base_color="gray"), size=8, key=key)
+        self.seed, self.carrier, self.key, self.axis = seed, carrier, key, axis
+        self.start = neutral_asset(carrier, StartSettings(base_color="gray"), size=8, key=key, axis=axis)
         settings = SHORT.replaced(texture_size=texture_size)
         self.model = Decomposition(carrier, sample.views, self.transport, settings, "cpu", start=self.start)
         buffers = list(self.model.buffers)
@@ -172,7 +174,7 @@ class ShortFit:
         light = self.light
         if settings.environment_height != light.settings.environment_height:
             bounces = light.operators.bounces
-            model.light = PrecomputedLight(self.transport, model.geometry, light.tracer, settings)
+            model.light = PrecomputedLight(self.transport, model.geometry, light.tracer, settings, moves=light.moves)
             model.light.find_suns(envmap.radiance_of(model.environment), [*self.fitted, *self.held])
             twin._bounce(bounces)
         if part.bounces is not None:
@@ -185,7 +187,7 @@ class ShortFit:
         model = twin.model
         if part.roughness is not None:
             settings = StartSettings(base_color="gray", roughness=part.roughness)
-            twin.start = neutral_asset(self.carrier, settings, size=8, key=self.key)
+            twin.start = neutral_asset(self.carrier, settings, size=8, key=self.key, axis=self.axis)
         model.maps = MaterialMaps(twin.start, model.maps.texels, model.maps.size, model.settings)
         model.environment = self.first_sky.clone().requires_grad_()
         return twin
@@ -248,7 +250,8 @@ class ShortFit:
     def measure(self) -> ShortFit:
         """Let rays measure the specular term at the current maps, for this fit and all its forks."""
         model = self.model
-        now = Appearance(model.maps, model.maps.values(), envmap.radiance_of(model.environment))
+        sky = envmap.radiance_of(model.environment)
+        now = Appearance(model.maps, model.maps.values(), sky, turns=model.turns)
         generator = torch.Generator().manual_seed(self.seed)
         model.light.measure(now, [*self.fitted, *self.held], generator)
         return self
