@@ -93,6 +93,8 @@ def _add_light(writer: GalleryWriter, asset: Asset, truth: SceneTruth | None) ->
         writer.add("environment", "Environment", caption, [ours, true], compare=True)
     else:
         caption = "As recovered: lat-long, up is up, the centre looks along +Z."
+        if asset.light_axis is not None:
+            caption = "As recovered, moving with the camera: lat-long, the centre is behind the photographer."
         writer.add("environment", "Environment", caption, environment_panels([asset.environment]))
 
 

@@ -24,6 +24,17 @@ def upright_world(poses: np.ndarray) -> tuple[np.ndarray, str]:
 
     In this order: level cameras; cameras that all lie on their side; the mean of the cameras' own up.
     """
+    found = _upright(poses)
+    return found or (_mean_up(poses), "the cameras do not tell which way is up: the mean of their own is taken")
+
+
+def turntable_axis(poses: np.ndarray) -> np.ndarray | None:
+    """Unit [3], pointing up: what the cameras [N, 4, 4] stand around; None where they do not tell."""
+    found = _upright(np.asarray(poses, np.float64))
+    return None if found is None else found[0][1, :3]
+
+
+def _upright(poses: np.ndarray) -> tuple[np.ndarray, str] | None:
     note = ""
     try:
         rotation = scene_from_dataset("auto", poses)
@@ -32,7 +43,7 @@ def upright_world(poses: np.ndarray) -> tuple[np.ndarray, str]:
             rotation = scene_from_dataset("auto", poses[:, :, [1, 0, 2, 3]])
             note = "the pictures lie on their side: the axis that the cameras go around is taken for the vertical"
         except DataError:
-            return _mean_up(poses), "the cameras do not tell which way is up: the mean of their own is taken"
+            return None
     own = float(-(rotation[:3, :3] @ poses[:, :3, 1].T)[1].mean())
     if abs(own) >= _AGREED:
         return _facing(rotation, own), note

@@ -19,8 +19,6 @@ from exmesh_graph.shading.gather import gather_rows
 
 #: A view that is steeper than this sine to the horizon has its azimuth from its upper edge too.
 _FLAT = 0.25
-#: Mean square of the cosine between an axis and the rows of pictures beyond which no axis is told.
-_ASKEW = 0.1
 
 
 def light_turns(axis: np.ndarray | None, camera_to_world: np.ndarray) -> np.ndarray | None:
@@ -43,21 +41,6 @@ def light_turns(axis: np.ndarray | None, camera_to_world: np.ndarray) -> np.ndar
     z = np.where(np.linalg.norm(towards, axis=1, keepdims=True) < _FLAT, steep, towards)
     z /= np.linalg.norm(z, axis=1, keepdims=True).clip(1e-12)
     return np.stack([np.cross(y, z), np.broadcast_to(y, z.shape), z], axis=1)
-
-
-def turntable_axis(camera_to_world: np.ndarray) -> np.ndarray | None:
-    """Unit [3], up: what cameras [N, 4, 4] that are held level turn about; None where they are not.
-
-    The rows of their pictures, or all columns, are at right angles to it.
-    """
-    pose = np.asarray(camera_to_world, np.float64)[:, :3, :3]
-    for level, above in ((0, -pose[..., 1]), (1, -pose[..., 2])):
-        rows = pose[..., level]
-        spread, directions = np.linalg.eigh(rows.T @ rows / len(rows))
-        if spread[0] <= _ASKEW <= spread[1]:  # pictures that hardly turn tell no axis
-            axis = directions[:, 0]
-            return axis * (1.0 if (above @ axis).sum() >= 0 else -1.0)
-    return None
 
 
 def turned(environment: torch.Tensor, turn: np.ndarray | None) -> torch.Tensor:

@@ -18,7 +18,8 @@ import numpy as np
 import torch
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.shading.moving import light_turns, turntable_axis
+from exmesh_graph.io.vertical import turntable_axis
+from exmesh_graph.shading.moving import light_turns
 from exmesh_graph.stage2.gbuffer import build_view
 from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples
 from exmesh_graph.types import Carrier, Views

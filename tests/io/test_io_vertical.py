@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from exmesh_graph.io.vertical import upright_world
+from exmesh_graph.io.vertical import turntable_axis, upright_world
 from tests.io.test_io_cameras import level_cameras, random_rotation
 
 
@@ -31,9 +31,19 @@ def test_up_is_found_however_the_camera_was_held(seed, turns, said):
     assert np.linalg.det(rotation[:3, :3]) == pytest.approx(1)
     assert said in note
     assert bool(said) == bool(note)
+    assert turntable_axis(held(level_cameras(12, world), turns)) == pytest.approx(
+        expected * (world @ [0, 1, 0]), abs=1e-6
+    )
 
 
 def test_cameras_of_one_place_give_the_mean_of_their_own_up_and_say_so():
     rotation, note = upright_world(np.repeat(np.diag([1.0, -1, -1, 1])[None], 4, axis=0))
     assert rotation[:3, :3] == pytest.approx(np.eye(3))
     assert "do not tell" in note
+
+
+def test_cameras_that_stand_around_nothing_tell_no_axis():
+    poses = np.repeat(np.eye(4)[None], 200, axis=0)
+    poses[:, :3, :3] = [random_rotation(seed) for seed in range(200)]  # held anyhow
+    assert turntable_axis(poses) is None
+    assert turntable_axis(np.repeat(np.eye(4)[None], 3, axis=0)) is None

@@ -1,14 +1,13 @@
-"""Light that moves with the camera: the frames of views, the axis that cameras stand around, the turned map."""
+"""Light that moves with the camera: the frames of views, the turned map."""
 
 import numpy as np
-import pytest
 import torch
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from exmesh_graph.shading import envmap
-from exmesh_graph.shading.moving import light_turns, turned, turntable_axis
+from exmesh_graph.shading.moving import light_turns, turned
 from exmesh_graph.testing import look_at
 
 UNIT = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array).filter(lambda v: np.linalg.norm(v) > 0.3)
@@ -19,17 +18,6 @@ def _about(axis: np.ndarray, angle: float) -> np.ndarray:
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)).as_matrix()
     return pose
-
-
-def _ring(count: int, heights=(0.0, 1.2), tilt: float = 0.0) -> np.ndarray:
-    """Cameras around +Y at several heights, all tilted about x by `tilt` rad."""
-    poses = []
-    for k in range(count):
-        angle, height = 2 * np.pi * k / count, heights[0] + (heights[1] - heights[0]) * (k % 3) / 2
-        poses.append(
-            _about(np.array([1.0, 0, 0]), tilt) @ look_at(np.array([np.sin(angle), height, np.cos(angle)]) * 3)
-        )
-    return np.stack(poses)
 
 
 @given(axis=UNIT, start=UNIT, angles=ANGLES)
@@ -64,25 +52,6 @@ def test_a_camera_straight_above_has_the_azimuth_of_its_upper_edge():
     above, beside = look_at(np.array([0.0, 3.0, 1e-6])), look_at(np.array([0.0, 3.0, 0.9]))
     turns = light_turns(np.array([0, 1.0, 0]), np.stack([above, beside]))
     np.testing.assert_allclose(turns[0], turns[1], atol=1e-4)
-
-
-@pytest.mark.parametrize("tilt", [0.0, 0.7, -1.3])
-def test_level_cameras_tell_the_axis_that_they_stand_around(tilt):
-    wanted = _about(np.array([1.0, 0, 0]), tilt)[:3, 1]
-    np.testing.assert_allclose(turntable_axis(_ring(9, tilt=tilt)), wanted, atol=1e-9)
-
-
-def test_upright_pictures_tell_the_axis_as_well():
-    quarter = np.eye(4)
-    quarter[:2, :2] = [[0, -1], [1, 0]]
-    np.testing.assert_allclose(turntable_axis(_ring(9, (0.9, 1.4)) @ quarter), [0, 1, 0], atol=1e-9)
-
-
-def test_cameras_that_are_rolled_anyhow_or_hardly_turn_tell_no_axis():
-    rng = np.random.default_rng(0)
-    rolled = np.stack([pose @ _about(np.array([0, 0, 1.0]), rng.uniform(0, 6)) for pose in _ring(12)])
-    assert turntable_axis(rolled) is None
-    assert turntable_axis(np.stack([look_at(np.array([0.01 * k, 0.2, 3])) for k in range(5)])) is None
 
 
 @given(axis=UNIT, angle=st.floats(-np.pi, np.pi), towards=UNIT)
