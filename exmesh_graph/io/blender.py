@@ -1,9 +1,9 @@
 """The Blender / NeRF-Synthetic layout, with the truth that rendered scenes carry.
 
 scene/transforms_train.json, transforms_test.json (or transforms.json): frames of {file_path, transform_matrix}, with
-`camera_angle_x` or `fl_x, fl_y, cx, cy, w, h` for all frames or each. `file_path` may lack its ending; `train/000`
-stands for train/000_rgba.exr, 000_rgb.exr, 000.exr, 000_rgba.png, 000.png or 000.jpg. A picture without alpha takes its
-mask from train/000_mask.png where that is there.
+`camera_angle_x` or `fl_x, fl_y, cx, cy, w, h` (and nerfstudio's `k1` to `k4`, `p1`, `p2`, which are undone) for all
+frames or each. `file_path` may lack its ending; `train/000` stands for train/000_rgba.exr, 000_rgb.exr, 000.exr,
+000_rgba.png, 000.png or 000.jpg. A picture without alpha takes its mask from train/000_mask.png where that is there.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.cameras import opencv_from_blender
+from exmesh_graph.io.lens import Lens
 from exmesh_graph.io.settings import BlenderOptions
 from exmesh_graph.io.shots import Shot, hold_out, need_folder, relative_names, shot_files, spread
 from exmesh_graph.io.truth_files import truth_files
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from exmesh_graph.io.scene import Scene
 
 _DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
+_MODELS = ("OPENCV", "OPENCV_FISHEYE", "SIMPLE_RADIAL", "RADIAL", "PINHOLE", "SIMPLE_PINHOLE")
 _ENDINGS = {
     "auto": ("_rgba.exr", "_rgb.exr", ".exr", "_rgba.png", ".png", ".jpg", ".jpeg"),
     "true": ("_rgba.exr", "_rgb.exr", ".exr"),
@@ -121,9 +123,6 @@ def read_frame(folder: Path, file: Path, index: int, frame: dict[str, Any], hdr:
     if pose.shape != (4, 4):
         raise DataError(f"transform_matrix is {pose.shape}", where=where, expected="4 x 4 (or 3 x 4) numbers")
     bent = [name for name in _DISTORTION if frame.get(name)]
-    if bent:
-        raise DataError(f"the camera has lens distortion ({', '.join(bent)})", where=where,
-                        expected="undistorted images", fix="undistort them (colmap image_undistorter)")  # fmt: skip
     image = _resolve(folder / stem, hdr)
     mask = image.with_name(image.stem.removesuffix("_rgba").removesuffix("_rgb") + "_mask.png")
     size = (int(frame["w"]), int(frame["h"])) if "w" in frame and "h" in frame else None
@@ -139,11 +138,29 @@ def read_frame(folder: Path, file: Path, index: int, frame: dict[str, Any], hdr:
             raise DataError("fl_x is given without w and h", where=where, fix="add w and h, the image size in pixels")
         fx = float(frame["fl_x"])
         fy, cx, cy = (float(frame.get(k, d)) for k, d in (("fl_y", fx), ("cx", size[0] / 2), ("cy", size[1] / 2)))
-        return replace(shot, intrinsics=np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]]))
+        k = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
+        return replace(shot, intrinsics=k, lens=_lens(frame, size, k, where) if bent else None)
+    if bent:
+        raise DataError(f"the camera has lens distortion ({', '.join(bent)}), but no fl_x", where=where,
+                        fix="give fl_x, fl_y, cx, cy, w and h, or undistort the pictures")  # fmt: skip
     angle = float(frame.get("camera_angle_x", 0))
     if not 0 < angle < np.pi:
         raise DataError(f"camera_angle_x is {angle:g}", where=where, expected="radians between 0 and pi, or fl_x")
     return replace(shot, angle_x=angle)
+
+
+def _lens(frame: dict[str, Any], size: tuple[int, int], k: np.ndarray, where: str) -> Lens:
+    """The lens of nerfstudio's transforms: OPENCV or OPENCV_FISHEYE, in COLMAP's words."""
+    model = str(frame.get("camera_model", "OPENCV"))
+    if model not in _MODELS:
+        raise DataError(f"camera_model is {model}, with distortion", where=where, expected=" or ".join(_MODELS),
+                        fix="undistort the pictures (colmap image_undistorter)")  # fmt: skip
+    *radial, p1, p2 = (float(frame.get(name) or 0) for name in _DISTORTION)
+    fisheye = "FISHEYE" in model
+    return Lens(
+        *size, (k[0, 0], k[1, 1]), (k[0, 2], k[1, 2]), tuple(radial), (0.0, 0.0) if fisheye else (p1, p2),
+        fisheye=fisheye,
+    )  # fmt: skip
 
 
 def _has_alpha_name(image: Path) -> bool:

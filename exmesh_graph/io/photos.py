@@ -20,6 +20,7 @@ from exmesh_graph.io.formats import OPAQUE, PICTURES, VIDEOS, need_libraries
 from exmesh_graph.io.images import read_mask, read_photo
 from exmesh_graph.io.motion import Motion, Through, find_motion, renamed
 from exmesh_graph.io.normalise import nearest_point, points_to_normalised, some
+from exmesh_graph.io.one_size import brought_note
 from exmesh_graph.io.selection import choose
 from exmesh_graph.io.settings import PhotosOptions
 from exmesh_graph.io.shots import Shot, need_file, need_folder, relative_names, split
@@ -238,10 +239,7 @@ def _shots(working: list[Working], motion: Motion, size: tuple[int, int]) -> tup
                 least = min(least, size[0] * size[1] / (factor**2 * one.size[0] * one.size[1]))
     if not odd:
         return shots, ""
-    return shots, (
-        f"{len(odd)} of {len(shots)} pictures have another size or shape than {size[0]} x {size[1]}, which most have, "
-        f"and are brought to it; of the shape that differs most {100 * least:.0f} % of the area is kept: {some(odd)}"
-    )
+    return shots, brought_note(odd, len(shots), size, least)
 
 
 def _centres(width: int, height: int) -> np.ndarray:

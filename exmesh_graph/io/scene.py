@@ -22,6 +22,7 @@ from exmesh_graph.io.normalise import (
     sphere_from_cameras,
     sphere_from_masks,
 )
+from exmesh_graph.io.one_size import of_one_size
 from exmesh_graph.io.settings import Checks, TrainSize, UpAxis
 from exmesh_graph.io.shots import Shot
 from exmesh_graph.io.train_size import factor_for, reduced
@@ -63,14 +64,14 @@ def load_scene(
     that stand on one flat colour get masks of what differs from it (`io.key`), which is noted. `size` bounds the
     training pictures that are handed on; checks and normalisation see them as they are.
     """
+    given = (
+        np.stack([shot.camera_to_world for shot in train]) if train else np.zeros((0, 4, 4))
+    )  # none lies on its side
+    train, sized = of_one_size(train)
+    test, held_sized = of_one_size(test)
     fit, held, notes = _read(train, test, downscale, key)
+    notes = [note for note in (sized, held_sized) if note] + notes
     check_no_leak(fit, held)
-    if held.alpha.shape[1:] != fit.alpha.shape[1:]:
-        raise DataError(
-            f"test images are {held.alpha.shape[2]} x {held.alpha.shape[1]}, training images "
-            f"{fit.alpha.shape[2]} x {fit.alpha.shape[1]}",
-            where=str(test[0].image), fix="give both splits the same size",
-        )  # fmt: skip
     places = fit.camera_to_world[:, :3, 3]
     if (
         box is None
@@ -101,9 +102,9 @@ def load_scene(
         height, width = fit.alpha.shape[1:]
         centre, radius = sphere_from_cameras(fit.intrinsics, fit.camera_to_world, width, height)
     if checks != "off":
-        given = box is not None or sphere is not None
-        found += settle(check_world(fit, held, centre, radius, given), checks)
-    frame = make_frame(centre, radius, scene_from_dataset(up, fit.camera_to_world), metres_per_unit)
+        placed = box is not None or sphere is not None
+        found += settle(check_world(fit, held, centre, radius, placed), checks)
+    frame = make_frame(centre, radius, scene_from_dataset(up, given), metres_per_unit)
     views = to_views(fit, frame, "train", has_masks=fit.has_masks)
     factor = 1 if size is None else factor_for(views, size.train_side, size.train_megapixels)
     return Scene(

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from exmesh_graph.errors import DataError
+from exmesh_graph.io.lens import Lens
 
 
 class Ground(NamedTuple):
@@ -32,6 +33,7 @@ class Shot:
     angle_x          full horizontal field of view in radians, where only that is known
     places           float32 [H, W, 2], (x, y) in the file of every pixel of the view, where a lens is undone on reading
     ground           what is no object in a picture without alpha, or None
+    lens             what bends the picture's lines, in pixels of the file; None: nothing does (`io.one_size` undoes it)
     """
 
     name: str
@@ -43,6 +45,7 @@ class Shot:
     angle_x: float = 0.0
     places: np.ndarray | None = None
     ground: Ground | None = None
+    lens: Lens | None = None
 
 
 def hold_out(count: int, every: int, first: int) -> tuple[list[int], list[int]]:

@@ -17,6 +17,7 @@ import numpy as np
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.formats import PLAIN, Header, read_codes, read_header, turned
 from exmesh_graph.io.images import picture_size, read_raw, write_codes
+from exmesh_graph.io.one_size import common_shape
 from exmesh_graph.io.reduce import area_means, reduced_codes, reduced_size
 from exmesh_graph.resources import usable_cores
 
@@ -90,14 +91,10 @@ def _plans(headers: Sequence[Header], megapixels: float) -> list[_Plan]:
     sizes = [header.size[::-1] if header.orientation >= 5 else header.size for header in headers]
     factors = [max(1.0, float(np.sqrt(w * h / (megapixels * 1e6)))) if megapixels > 0 else 1.0 for w, h in sizes]
     reached = [reduced_size(size, factor) for size, factor in zip(sizes, factors, strict=True)]
-    lying = Counter(tuple(sorted(size)) for size in reached)
-    short, long = max(lying, key=lambda size: (lying[size], size[0] * size[1], size))
-    same = [size for size in reached if tuple(sorted(size)) == (short, long)]
-    wide = sum(w > h for w, h in same) * 2 >= len(same)  # equally many of both: the portraits lie
-    target = (long, short) if wide else (short, long)
+    target = common_shape(reached)
     plans = []
     for header, size, factor in zip(headers, sizes, factors, strict=True):
-        across = short != long and size[0] != size[1] and (size[0] > size[1]) != (target[0] > target[1])
+        across = target[0] != target[1] and size[0] != size[1] and (size[0] > size[1]) != (target[0] > target[1])
         quarter = (-1 if header.orientation in (5, 8) else 1) if across else 0
         if reduced_size(size, factor) not in (target, target[::-1]):
             held = size[::-1] if across else size
