@@ -194,7 +194,10 @@ def _photo_files(p: PhotosParams) -> Mapping[str, Path]:
     resources={"cpu": 1},
 )
 def photos(ctx: Context, *, p: PhotosParams) -> PhotosOut:
-    """A folder of photographs, or a video: cameras and sparse points by structure from motion (needs pycolmap)."""
+    """A folder of photographs, or a video: cameras and sparse points by structure from motion (needs pycolmap).
+
+    Or the cameras that COLMAP, nerfstudio or Metashape found, whose files lie in the folder.
+    """
     from exmesh_graph.io.photos import load_photos
 
     work = ctx.scratch / "motion"
@@ -204,7 +207,7 @@ def photos(ctx: Context, *, p: PhotosParams) -> PhotosOut:
     figures = motion.figures()
     known = "from what was known" if motion.focal_known else "(found from the pictures alone)"
     ctx.log(
-        f"cameras of {figures['registered']} of {figures['pictures']} pictures ({motion.how} mapping), {len(points)} "
+        f"cameras of {figures['registered']} of {figures['pictures']} pictures ({motion.told}), {len(points)} "
         f"points, reprojection error {motion.error:.2f} px, focal length {figures['focal']:.0f} px {known}"
     )
     return PhotosOut(*_views(ctx, scene), points, Metrics(figures))

@@ -45,14 +45,14 @@ class Motion:
 
     camera_to_world  float64 [4, 4] by picture name, OpenCV axes
     camera           index into `lenses` by picture name
-    lenses           pycolmap's cameras, with distortion
+    lenses           pycolmap's cameras or others (`io.lens`), with distortion
     points, colours  float64 [P, 3] seen by three pictures or more; display colour in [0, 1]
     tracks           int [P], by how many
     left_out         pictures without a camera, or tied to the others by pairs alone (`mapping.tied`)
     error            mean reprojection error in pixels
     focal_known      whether a focal length was given or stood in the EXIF data
-    how              which mapping they are from
-    matching         plain or wide
+    how              which mapping they are from, or whose cameras they are
+    matching         plain or wide; "" for cameras of another program
     dropped          names of pictures that were left out before cameras were looked for, by reason
     """
 
@@ -73,6 +73,11 @@ class Motion:
     def sightings(self) -> float:
         """How many points a picture shows, on the mean."""
         return float(self.tracks.sum()) / max(len(self.camera_to_world), 1)
+
+    @property
+    def told(self) -> str:
+        """Where the cameras are from."""
+        return f"{self.how} mapping" if self.matching else f"{self.how} own"
 
     def figures(self) -> dict[str, Any]:
         """For the report: counts, names of what was left out, error, and the (mean) lens."""
@@ -187,7 +192,7 @@ def _found(
         colmap.match_exhaustive(database, **common)
     mapped = map_cameras(colmap, database, folder, work, seed, settings.mapping, tell)
     left_out = tuple(name for name in names if mapped is None or name not in mapped.names)
-    return _motion(mapped, left_out, matching)
+    return motion_of(mapped, left_out, matching)
 
 
 def _mask_files(masks: Mapping[str, np.ndarray], work: Path) -> Path | None:
@@ -257,7 +262,8 @@ def _check_enough(names: list[str], left_out: tuple[str, ...], settings: MotionS
     )  # fmt: skip
 
 
-def _motion(mapped: Mapped | None, left_out: tuple[str, ...], matching: str) -> Motion:
+def motion_of(mapped: Mapped | None, left_out: tuple[str, ...], matching: str) -> Motion:
+    """Cameras and points of one of COLMAP's models."""
     if mapped is None:
         nothing = np.zeros((0, 3))
         return Motion({}, {}, (), nothing, nothing, np.zeros(0, np.int64), left_out, 0.0, False, "", matching)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from exmesh_graph.errors import DataError
+from exmesh_graph.io.exports import Export, find_export, read_export
 from exmesh_graph.io.formats import OPAQUE, PICTURES, VIDEOS, need_libraries
 from exmesh_graph.io.images import read_mask, read_photo
 from exmesh_graph.io.motion import Motion, Through, find_motion, renamed
@@ -74,8 +75,22 @@ def photo_files(path: Path, options: PhotosOptions) -> dict[str, Path]:
     if is_video(path):
         return need_file(path) | need_libraries([path])
     listed = list_photos(path, options.masks)
+    export = _export(path, options)
     files = relative_names(path, [file for pair in listed for file in pair if file is not None])
+    files |= relative_names(path, export.files() if export is not None else [])
     return files | need_libraries([picture for picture, _ in listed])
+
+
+def _export(path: Path, options: PhotosOptions) -> Export | None:
+    """The cameras of another program that are to be used."""
+    export = find_export(path) if options.cameras != "find" else None
+    if export is None and options.cameras == "file":
+        raise DataError(
+            "the folder has no cameras of another program", where=str(path),
+            expected="sparse/0/ (COLMAP, RealityScan), transforms.json (nerfstudio) or cameras.xml (Metashape)",
+            fix="export them into this folder, or set cameras: find",
+        )  # fmt: skip
+    return export
 
 
 def _mask(folder: Path, picture: Path) -> Path | None:
@@ -107,7 +122,17 @@ def load_photos(
         for (knob, names), why in zip(dropped.items(), _WHY, strict=True)
         if names
     ]
-    motion = replace(_motion(working, options, work, seed, tell), dropped=dropped)
+    export = None if is_video(path) else _export(path, options)
+    if export is not None:
+        tell(f"cameras are {export.program}'s: {export.place}")
+        motion = read_export(export, [picture for picture, _ in listed], working)
+        if not len(motion.points):
+            notes.append(
+                f"{export.program}'s cameras come without points, which begin the depth and say where the object is"
+            )
+    else:
+        motion = _motion(working, options, work, seed, tell)
+    motion = replace(motion, dropped=dropped)
     size = common_size(working)
     shots, note = _shots(working, motion, size)
     notes += [note] if note else []
@@ -119,7 +144,8 @@ def load_photos(
     train, test = ([replace(s, camera_to_world=turn @ s.camera_to_world) for s in part] for part in (train, test))
     points = motion.points @ turn[:3, :3].T
     masked = any(one.mask is not None or _has_alpha(one.image) for one in working)
-    sphere = None if masked else object_sphere(points, motion.tracks, turn @ poses)
+    known = len(points) > 0 or export is None
+    sphere = object_sphere(points, motion.tracks, turn @ poses) if known and not masked else None
     scene = load_scene(
         train, test, up="y", downscale=options.downscale, wrong_masks=options.wrong_masks, sphere=sphere,
         checks=options.checks, size=options,

@@ -183,6 +183,11 @@ class PhotosOptions(TrainSize, MotionSettings):
     keep: Literal["all", "object"] = param(
         "all", doc="Find cameras by the whole picture, or (turntable) by what the masks show only."
     )
+    cameras: Literal["auto", "file", "find"] = param(
+        "auto",
+        doc="auto: those of COLMAP, nerfstudio or Metashape where their files lie in the folder, else found from the "
+        "pictures; file: these, or an error; find: found from the pictures.",
+    )
     masks: bool = param(True, doc="Use masks where they are there.")
     frames: int = param(
         60, ge=3, doc="Frames of a video: the sharpest of so many equal parts of the way that its pictures move."
