@@ -45,7 +45,7 @@ SHARP, NEUTRAL = 0.2, 0.5
 SHARP_HINT, LONG_STEPS, SHARP_LEAST = 0.8, 500, 1.0
 #: What a light that moves may leave of what one that stands leaves (stage2.moving) for fits to be made of it, and what
 #: these must gain [dB].
-MOVING_HINT, MOVING_LEAST = 0.9, 1.0
+MOVING_HINT, MOVING_LEAST = 0.9, 0.5
 #: Share of a fit's steps that move the light alone, where such steps are wanted.
 LIGHT_FIRST = 0.25
 #: Mean squared error (40 dB) below which no relit picture comes: the least that baked light is weighed against.
