@@ -3,6 +3,9 @@
 A point's field is the smallest, over the views, of the silhouette's signed distance at its projection, turned from
 pixels into world units by depth / f; the hull is where it is positive. Real masks err here and there, so `wrong_masks`
 views may be outvoted at each point (the (wrong_masks + 1)-th smallest value counts).
+
+Close-ups show a part of the object: where some views show it whole, those whose edges it crosses say nothing of what
+lies beyond their edges (`close_ups`).
 """
 
 from __future__ import annotations
@@ -28,6 +31,8 @@ from exmesh_graph.types.pictures import Pictures
 _DROP = 2.5
 _COARSE = 48
 _RESOLUTIONS = 64, 192
+_WHOLE = 3
+"""Views that show the object whole, from which on close-ups are taken as such."""
 GRAIN = 1 << 14
 """Points that a core takes at a time."""
 _FIELD_BYTES = 2 << 30
@@ -62,6 +67,7 @@ class SilhouetteField:
 
     A point that projects outside a part takes the value of the nearest border pixel, less its distance to the part
     where that pixel is background: the object may go on beyond an edge that its silhouette touches, and only there.
+    The parts of `close_ups` have a border of large values beyond the edges of their pictures: no vote either.
     A point behind a camera gets no vote from it.
     """
 
@@ -106,14 +112,21 @@ class SilhouetteField:
             raise DataError(
                 f"wrong_masks {wrong_masks} leaves no view to decide", expected=f"fewer than the {len(alpha)} views"
             )
-        corners, size = _windows(np.array(boxes), (height // factor, width // factor))
+        shape = height // factor, width // factor
+        partial = close_ups(np.array([_crossed(box, shape) for box in boxes if box is not None]))
+        rim = int(partial.any())
+        corners, size = _windows(np.array(boxes) + rim, (shape[0] + 2 * rim, shape[1] + 2 * rim))
         distances = np.empty((count, *size), np.float32)
-        for view, (mask, (top, left)) in enumerate(zip(alpha, corners, strict=True)):
-            shown = reduced_mask(mask, factor)[top : top + size[0], left : left + size[1]]
-            distances[view] = silhouette_distance(shown)
+        for view, (mask, corner) in enumerate(zip(alpha, corners, strict=True)):
+            top, left = np.maximum(corner - rim, 0)
+            bottom, right = np.minimum(corner + size - rim, shape)
+            shown = silhouette_distance(reduced_mask(mask, factor)[top:bottom, left:right])
+            beyond = [(place, end - place - n) for place, end, n in zip(
+                (top - corner[0] + rim, left - corner[1] + rim), size, shown.shape, strict=True)]  # fmt: skip
+            distances[view] = _bordered(shown, beyond, partial[view])
         k = np.array(intrinsics, float)
         k[:, :2] /= factor
-        k[:, :2, 2] -= corners[:, ::-1]
+        k[:, :2, 2] -= corners[:, ::-1] - rim
         return cls(distances, k, np.asarray(world_to_camera, float), wrong_masks)
 
     @classmethod
@@ -182,6 +195,32 @@ def _box(inside: np.ndarray) -> tuple[int, int, int, int] | None:
     """(top, left, bottom, right) of what is inside, the last two exclusive; None where nothing is."""
     rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
     return (rows[0], columns[0], rows[-1] + 1, columns[-1] + 1) if len(rows) else None
+
+
+def close_ups(crossed: np.ndarray) -> np.ndarray:
+    """Of views, bool [N], whose edges the object crosses those that say nothing of what lies beyond: all, where enough
+    others show the object whole, else none."""
+    return crossed & ((~crossed).sum() >= _WHOLE)
+
+
+def crosses_edges(masks: np.ndarray) -> np.ndarray:
+    """bool [N]: whether masks [N, H, W] reach the edges of their pictures."""
+    return np.array([_crossed(_box(mask >= 0.5) or (1, 1, 1, 1), mask.shape) for mask in masks])
+
+
+def _crossed(box: tuple[int, int, int, int], shape: tuple[int, ...]) -> bool:
+    return box[0] == 0 or box[1] == 0 or box[2] == shape[0] or box[3] == shape[1]
+
+
+def _bordered(distance: np.ndarray, beyond: list[tuple[int, int]], partial: bool) -> np.ndarray:
+    """`distance` [h, w] with so many pixels more before and after its rows and columns, beyond the picture's edges."""
+    if not any(map(any, beyond)):
+        return distance
+    if partial:
+        return np.pad(distance, beyond, constant_values=float(np.hypot(*distance.shape)))
+    wider = np.pad(distance, beyond, mode="edge")
+    off = np.pad(np.ones(distance.shape, bool), beyond)
+    return np.where(off | (wider >= 0), wider, wider - 1)
 
 
 def _windows(boxes: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, tuple[int, int]]:

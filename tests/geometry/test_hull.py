@@ -11,6 +11,8 @@ from exmesh_graph.geometry.clean import taubin
 from exmesh_graph.geometry.hull import (
     Grid,
     SilhouetteField,
+    close_ups,
+    crosses_edges,
     shown_resolution,
     silhouette_distance,
     surface,
@@ -255,3 +257,54 @@ def test_sample_scene_hull_is_close_to_the_true_mesh():
     result = chamfer(taubin(vertices, faces, 10), faces, truth.mesh_vertices, truth.mesh_faces, samples=10_000)
     radius = 1.2 / np.cbrt(np.linalg.det(scene.frame.scene_from_normalised[:3, :3]))
     assert result.chamfer / radius < 2.2e-3
+
+
+def _two_balls(count, size, close):
+    """As `sphere_masks`, of balls at x = -0.7 and 0.7; views after the first `close` are pictures of one of them, in
+    whose middle it stands, so that the other lies beyond an edge or is cut by it."""
+    i = np.arange(count) + 0.5
+    y, turn = 0.8 - 1.6 * i / count, np.pi * (1 + 5**0.5) * i
+    eyes = 4 * np.stack([np.cos(turn) * np.sqrt(1 - y * y), y, np.sin(turn) * np.sqrt(1 - y * y)], axis=1)
+    ks, poses, masks = [], [], []
+    for number, eye in enumerate(eyes):
+        k, pose = camera(eye, size)
+        if number >= close:
+            k[[0, 1], [0, 1]] *= 2.5
+            at = k @ (pose[:3] @ [0.7 - 1.4 * (number % 2), 0, 0, 1])
+            k[:2, 2] += 0.5 * size - at[:2] / at[2] + [0.2 * size, 0]
+        px, py = np.meshgrid(*[(np.arange(size * 4) + 0.5) / 4] * 2)
+        d = np.stack([px, py, np.ones_like(px)], axis=-1) @ np.linalg.inv(k).T @ pose[:3, :3]
+        hit = np.zeros(px.shape, bool)
+        for middle in (-0.7, 0.7):
+            to = eye - [middle, 0, 0]
+            hit |= (2 * (d @ to)) ** 2 - 4 * (d * d).sum(-1) * (to @ to - 0.45**2) > 0
+        masks.append(hit.reshape(size, 4, size, 4).mean((1, 3)))
+        ks.append(k)
+        poses.append(pose)
+    return np.stack(masks).astype(np.float32), np.stack(ks), np.stack(poses)
+
+
+def test_close_ups_say_nothing_of_what_lies_beyond_their_edges():
+    masks, ks, poses = _two_balls(24, 64, 8)
+    crossed = crosses_edges(masks)
+    assert not crossed[:8].any()
+    assert crossed[8:].mean() > 0.5
+    whole, both = (SilhouetteField.from_masks(masks[:n], ks[:n], poses[:n]) for n in (8, 24))
+    middles = np.array([[-0.7, 0, 0], [0.7, 0, 0]])
+    assert (both(middles) > 0.3).all()
+    np.testing.assert_allclose(both(middles), both.plain(middles), atol=1e-5)
+    # they say more of what they show, and take nothing away: both balls are there, nearer to their size
+    volume = 2 * 4 / 3 * np.pi * 0.45**3
+    found = [signed_volume(*visual_hull(field, resolution=64)) / volume for field in (whole, both)]
+    assert 0.98 < found[1] < found[0]
+    inside = 0.97 * 0.45 * np.random.default_rng(0).normal(size=(400, 3))
+    inside /= np.maximum(np.linalg.norm(inside, axis=1, keepdims=True) / (0.97 * 0.45), 1)
+    assert (both(np.concatenate([inside + middle for middle in middles])) > -0.01).all()
+
+
+def test_where_no_view_is_whole_what_lies_beyond_an_edge_is_bounded_as_before():
+    masks, _, _ = _two_balls(24, 64, 8)
+    assert close_ups(crosses_edges(masks)).sum() == crosses_edges(masks).sum()
+    few = np.array([True, True, False, False, True])
+    assert not close_ups(few).any()
+    assert close_ups(np.append(few, False)).tolist() == [True, True, False, False, True, False]

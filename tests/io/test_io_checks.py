@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from check_scenes import BALLS, cameras, close_cameras, drawn, outlines
-from io_scenes import blender_from_opencv
+from io_scenes import blender_from_opencv, look_at
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.blender import list_blender, load_blender
@@ -366,3 +366,32 @@ def test_all_principal_points_move_alike(idr_scene):
     moved = shifted(loaded, 0.5)
     assert np.allclose(moved.intrinsics[:, :2, 2] - loaded.intrinsics[:, :2, 2], 0.25)
     assert np.allclose(moved.silhouette_intrinsics[:, :2, 2] - loaded.silhouette_intrinsics[:, :2, 2], 0.5)
+
+
+def close_ups(wrong=()):
+    """Twenty views, half of them from half as far, aimed at one of the balls, whose edges the body crosses; the views
+    `wrong` look elsewhere than they say."""
+    seen = cameras(20)
+    poses = seen.camera_to_world.copy()
+    for view in range(1, 20, 2):
+        at = BALLS[view // 2 % len(BALLS), :3]
+        poses[view] = look_at(at + 0.5 * (poses[view, :3, 3] - at), at, np.array([0, 0, 1.0]))
+    found = outlines(replace(seen, camera_to_world=poses))
+    for view in wrong:
+        poses[view] = poses[(view + 7) % 20]
+    return with_poses(found, poses)
+
+
+def test_close_ups_contradict_nobody():
+    """What lies beyond their edges is for the whole views to say."""
+    seen = close_ups()
+    assert seen.partial[1::2].mean() > 0.7
+    assert not seen.partial[::2].any()
+    assert check_masks(seen) == ([], True)
+
+
+@pytest.mark.parametrize("wrong", [4, 7])
+def test_a_wrong_camera_among_close_ups_is_found(wrong):
+    (finding,), supported = check_masks(close_ups([wrong]))
+    assert finding.views == (f"v{wrong + 1}",)
+    assert not supported

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.ndimage import binary_dilation
 
 from exmesh_graph.errors import DataError
+from exmesh_graph.geometry.hull import close_ups, crosses_edges
 from exmesh_graph.io.checks.readings import Cameras, Reading
 from exmesh_graph.io.normalise import centre_of_masks
 
@@ -22,29 +23,35 @@ _ROOM = 1.2
 
 @dataclass(frozen=True)
 class Outlines:
-    """Masks of N views with their cameras: `masks` bool [N, H, W], and widened, `wide`."""
+    """Masks of N views with their cameras: `masks` bool [N, H, W], and widened, `wide`; `partial` bool [N], the
+    close-ups, which say nothing of what lies beyond their edges."""
 
     masks: np.ndarray
     wide: np.ndarray
     cameras: Cameras
+    partial: np.ndarray
 
     @classmethod
     def of(cls, masks: np.ndarray, cameras: Cameras) -> Outlines:
-        return cls(masks, np.stack([widened(mask) for mask in masks]), cameras)
+        return cls(masks, np.stack([widened(mask) for mask in masks]), cameras, close_ups(crosses_edges(masks)))
 
     def __len__(self) -> int:
         return len(self.masks)
 
     def subset(self, rows: Sequence[int] | np.ndarray) -> Outlines:
         chosen = list(rows)
-        return Outlines(self.masks[chosen], self.wide[chosen], self.cameras.subset(chosen))
+        return Outlines(self.masks[chosen], self.wide[chosen], self.cameras.subset(chosen), self.partial[chosen])
 
     def read(self, reading: Reading, rows: Sequence[int]) -> Outlines:
         """Some of the views as `reading` has them."""
         columns, lines = (slice(None, None, -1) if mirror else slice(None) for mirror in reading.over)
         masks, wide = self.masks[list(rows)][:, lines, columns], self.wide[list(rows)][:, lines, columns]
         cameras = reading.change(self.cameras).subset(rows)
-        return Outlines.of(~masks, cameras) if reading.inverted else Outlines(masks, wide, cameras)
+        return (
+            Outlines.of(~masks, cameras)
+            if reading.inverted
+            else Outlines(masks, wide, cameras, self.partial[list(rows)])
+        )
 
 
 @dataclass(frozen=True)
@@ -140,7 +147,8 @@ def _far_apart(count: int) -> list[int]:
 def holds(outlines: Outlines, view: int, points: np.ndarray) -> np.ndarray:
     """Whether one mask holds points [P, 3]: bool [P]. Behind its camera it holds none.
 
-    Beyond the picture's edge the object may go on where its outline touches the edge, and only there.
+    Beyond the picture's edge the object may go on where its outline touches the edge, and only there; anywhere beyond
+    those of a close-up.
     """
     height, width = outlines.wide.shape[1:]
     with np.errstate(invalid="ignore", over="ignore"):
@@ -148,7 +156,10 @@ def holds(outlines: Outlines, view: int, points: np.ndarray) -> np.ndarray:
         front = depth > 0
         column = np.clip(np.nan_to_num(x), 0, width - 1).astype(np.int32)
         row = np.clip(np.nan_to_num(y), 0, height - 1).astype(np.int32)
-    return front & outlines.wide[view].ravel()[row * width + column]
+    held = outlines.wide[view].ravel()[row * width + column]
+    if outlines.partial[view]:
+        held |= (x < 0) | (x >= width) | (y < 0) | (y >= height)
+    return front & held
 
 
 def _spread(mask: np.ndarray, count: int) -> np.ndarray:
