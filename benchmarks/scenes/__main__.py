@@ -62,7 +62,7 @@ def _make(options: argparse.Namespace) -> int:
         began = time.perf_counter()
         place = make(
             name, options.out, size, worlds=options.worlds, envmaps=options.envmaps, threads=options.threads,
-            moves=options.moves,
+            moves=options.moves, near=options.near,
         )  # fmt: skip
         print(f"{name}: {place}, {time.perf_counter() - began:.0f} s", flush=True)
     return 0
@@ -98,6 +98,8 @@ def arguments() -> argparse.Namespace:
             part.add_argument("--worlds", type=Path, help="the wheel of bpy 5.0.1, or a folder of its world pictures")
             moves = "light that moves with the camera, into FOLDER/NAME_turntable or NAME_camera"
             part.add_argument("--moves", choices=["turntable", "camera"], default="", help=moves)
+            near = "close-ups among the training pictures, into FOLDER/NAME_near"
+            part.add_argument("--near", action="store_true", help=near)
             part.add_argument("--envmaps", type=Path, help="relight by the EXR maps of this folder too")
             part.add_argument("--threads", type=int, default=0)
     part = commands.add_parser("lights")

@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.machine import processor
 from benchmarks.scenes import files, lights
-from benchmarks.scenes.cameras import spiral
+from benchmarks.scenes.cameras import rays, spiral
 from benchmarks.scenes.catalogue import RECIPES
 from benchmarks.scenes.kinds import Recipe
 from benchmarks.scenes.model import assemble, encode
@@ -50,14 +50,16 @@ def make(
     envmaps: Path | None = None,
     threads: int = 0,
     moves: str = "",
+    near: bool = False,
 ) -> Path:
     """Make what is missing of the scene in out / name; returns that folder.
 
     worlds   the wheel of bpy 5.0.1 or a folder of its world pictures, for scenes lit by one
     envmaps  a folder of EXR maps to relight the test views by besides the recipe's own
     moves    "turntable" or "camera": what the light of the photographs moves with; the folder is out / name_moves
+    near     every other training picture is a close-up; the folder is out / name_near
     """
-    recipe, folder = RECIPES[name], out / (f"{name}_{moves}" if moves else name)
+    recipe, folder = RECIPES[name], out / "_".join([name, *[moves] * bool(moves), *["near"] * near])
     for place in ("train", "test", "test_rli", "envmaps", "mesh"):
         (folder / place).mkdir(parents=True, exist_ok=True)
     began, busy = time.perf_counter(), time.process_time()
@@ -65,7 +67,10 @@ def make(
     if model is None:
         model = assemble(list(recipe.solids()), recipe.paint, min(recipe.texels, size.texels), recipe.ground)
         files.write_model(folder / "mesh", model)
+    truth = Truth(model)
     train = spiral(size.train, *recipe.heights, 0.0, recipe.seed)
+    if near:
+        train = [closer(pose, truth, k) if k % 2 else pose for k, pose in enumerate(train)]
     test = spiral(size.test, recipe.heights[0] + 0.05, recipe.heights[1] - 0.02, 1.3, recipe.seed + 1)
     files.write_cameras(folder / "transforms_train.json", "train", train, size.pixels)
     files.write_cameras(folder / "transforms_test.json", "test", test, size.pixels)
@@ -73,7 +78,6 @@ def make(
     stage = Stage(model, background=bool(recipe.ground), threads=threads)
     noise = _test_pictures(folder, recipe, stage, size, test, turning(light, test, moves), relit)
     _train_pictures(folder, recipe, stage, size, train, turning(light, train, moves), threads)
-    truth = Truth(model)
     _maps(folder, recipe, truth, size, train, test)
     if noise:
         files.write_json(folder / "noise.json", noise)
@@ -113,6 +117,24 @@ def _lights(
             write_image(path, lights.read_exr(source).clip(0), "half")
         relit[source.stem] = lights.read_exr(path)
     return light, relit
+
+
+#: Of the way to what a close-up is aimed at, the share that its camera stands away.
+NEAR = 0.42
+
+
+def closer(pose: np.ndarray, truth: Truth, seed: int) -> np.ndarray:
+    """A level camera on the way from `pose` to some part of the surface that it sees, aimed at that part."""
+    seen = rays(pose, 64).reshape(-1, 6)
+    met = truth.cast(seen)
+    chosen = np.random.default_rng(seed).choice(np.flatnonzero(met.hit))
+    towards = seen[chosen, 3:].astype(np.float64)
+    right = np.cross(towards, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    found = np.eye(4)
+    eye = seen[chosen, :3] + (1 - NEAR) * met.distance[chosen] * towards
+    found[:3] = np.column_stack([right, np.cross(right, towards), -towards, eye])
+    return found
 
 
 #: The light of the photographs: one for all views, or one for each.

@@ -4,7 +4,7 @@ A point's field is the smallest, over the views, of the silhouette's signed dist
 pixels into world units by depth / f; the hull is where it is positive. Real masks err here and there, so `wrong_masks`
 views may be outvoted at each point (the (wrong_masks + 1)-th smallest value counts).
 
-Close-ups show a part of the object: where some views show it whole, those whose edges it crosses say nothing of what
+Close-ups show a part of the object: where some views show it whole, those that cut much of it off say nothing of what
 lies beyond their edges (`close_ups`).
 """
 
@@ -33,6 +33,9 @@ _COARSE = 48
 _RESOLUTIONS = 64, 192
 _WHOLE = 3
 """Views that show the object whole, from which on close-ups are taken as such."""
+_CUT = 0.75
+"""Of the root of a silhouette's area: how long a part of the picture's edge it takes up in a close-up. Close-ups of
+parts have 1 to 3, pictures that cut a rim 0.6 at most."""
 GRAIN = 1 << 14
 """Points that a core takes at a time."""
 _FIELD_BYTES = 2 << 30
@@ -101,7 +104,11 @@ class SilhouetteField:
             raise DataError("the visual hull needs views, there are none", expected="at least one training view")
         count, height, width = alpha.shape
         factor = next(f for f in range(1, height + width) if 4 * count * (height // f) * (width // f) <= _FIELD_BYTES)
-        boxes = [_box(reduced_mask(mask, factor) >= 0.5) for mask in alpha]
+        boxes, cut = [], np.zeros(count, bool)
+        for view, mask in enumerate(alpha):
+            inside = reduced_mask(mask, factor) >= 0.5
+            boxes.append(_box(inside))
+            cut[view] = _cut(inside)
         empty = [name for name, box in zip(names, boxes, strict=True) if box is None]
         if empty:
             raise DataError(
@@ -113,7 +120,7 @@ class SilhouetteField:
                 f"wrong_masks {wrong_masks} leaves no view to decide", expected=f"fewer than the {len(alpha)} views"
             )
         shape = height // factor, width // factor
-        partial = close_ups(np.array([_crossed(box, shape) for box in boxes if box is not None]))
+        partial = close_ups(cut)
         rim = int(partial.any())
         corners, size = _windows(np.array(boxes) + rim, (shape[0] + 2 * rim, shape[1] + 2 * rim))
         distances = np.empty((count, *size), np.float32)
@@ -197,19 +204,23 @@ def _box(inside: np.ndarray) -> tuple[int, int, int, int] | None:
     return (rows[0], columns[0], rows[-1] + 1, columns[-1] + 1) if len(rows) else None
 
 
-def close_ups(crossed: np.ndarray) -> np.ndarray:
-    """Of views, bool [N], whose edges the object crosses those that say nothing of what lies beyond: all, where enough
-    others show the object whole, else none."""
-    return crossed & ((~crossed).sum() >= _WHOLE)
+def close_ups(cut: np.ndarray) -> np.ndarray:
+    """Of views, bool [N], that cut the object off those that say nothing of what lies beyond their edges: all, where
+    enough others show it whole, else none."""
+    return cut & ((~cut).sum() >= _WHOLE)
 
 
-def crosses_edges(masks: np.ndarray) -> np.ndarray:
-    """bool [N]: whether masks [N, H, W] reach the edges of their pictures."""
-    return np.array([_crossed(_box(mask >= 0.5) or (1, 1, 1, 1), mask.shape) for mask in masks])
+def cuts_off(masks: np.ndarray) -> np.ndarray:
+    """bool [N]: whether the edges of the pictures cut much of the object off, by masks [N, H, W].
+
+    Where they take a corner of it, it hardly goes on but where it touches them.
+    """
+    return np.array([_cut(mask >= 0.5) for mask in masks])
 
 
-def _crossed(box: tuple[int, int, int, int], shape: tuple[int, ...]) -> bool:
-    return box[0] == 0 or box[1] == 0 or box[2] == shape[0] or box[3] == shape[1]
+def _cut(inside: np.ndarray) -> bool:
+    edge = sum(int(part.sum()) for part in (inside[0], inside[-1], inside[1:-1, 0], inside[1:-1, -1]))
+    return edge > _CUT * float(np.sqrt(inside.sum()))
 
 
 def _bordered(distance: np.ndarray, beyond: list[tuple[int, int]], partial: bool) -> np.ndarray:

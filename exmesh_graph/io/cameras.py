@@ -72,6 +72,11 @@ def intrinsics_from_fov(angle_x: float, width: int, height: int) -> np.ndarray:
     return np.array([[focal, 0, 0.5 * width], [0, focal, 0.5 * height], [0, 0, 1.0]])
 
 
+def reduced_size(size: tuple[int, int], factor: float) -> tuple[int, int]:
+    """(width, height) of a picture of `size` reduced by any factor (`io.reduce.area_means`)."""
+    return max(1, int(size[0] / factor + 1e-9)), max(1, int(size[1] / factor + 1e-9))
+
+
 def scale_intrinsics(intrinsics: np.ndarray, factor: float) -> np.ndarray:
     """Intrinsics [..., 3, 3] of the same picture reduced by `factor` (pixel centres at +0.5)."""
     scaled = np.array(intrinsics, dtype=np.float64)

@@ -16,6 +16,8 @@ from typing import Protocol
 
 import numpy as np
 
+from exmesh_graph.io.cameras import reduced_size
+
 
 class AnyLens(Protocol):
     """What a lens is to the loaders; pycolmap's cameras are such lenses."""
@@ -139,8 +141,6 @@ class Behind:
         return size[::-1] if self.quarter % 2 else size
 
     def _size(self) -> tuple[int, int]:
-        from exmesh_graph.io.reduce import reduced_size
-
         return reduced_size(self._turned(), self.factor)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.geometry.hull import Grid, SilhouetteField, close_ups, crosses_edges
+from exmesh_graph.geometry.hull import Grid, SilhouetteField, close_ups, cuts_off
 from exmesh_graph.types import Frame
 
 FILL = 0.95  # radius of the object's bounding sphere after normalisation: room for a loose first surface
@@ -158,7 +158,7 @@ def centre_of_masks(alpha: np.ndarray, intrinsics: np.ndarray, camera_to_world: 
     Close-ups (`geometry.hull.close_ups`) show no middle and are not asked. DataError for an empty mask and for parallel
     rays.
     """
-    whole = ~close_ups(crosses_edges(alpha))
+    whole = ~close_ups(cuts_off(alpha))
     alpha, intrinsics, camera_to_world = alpha[whole], intrinsics[whole], camera_to_world[whole]
     middles, extents = [], []
     for mask in alpha:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from exmesh_graph.errors import DataError
+from exmesh_graph.io.cameras import reduced_size
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.images import linear_of_codes
 
@@ -33,11 +34,6 @@ def downscale_area(image: np.ndarray, factor: int, where: Path | str = "") -> np
     for k in range(1, factor):
         total = total + rows[:, :, k]
     return (total / factor**2).astype(np.float32)
-
-
-def reduced_size(size: tuple[int, int], factor: float) -> tuple[int, int]:
-    """(width, height) of a picture of `size` after `area_means`."""
-    return max(1, int(size[0] / factor + 1e-9)), max(1, int(size[1] / factor + 1e-9))
 
 
 def area_means(values: np.ndarray, factor: float) -> np.ndarray:

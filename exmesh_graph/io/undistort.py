@@ -6,8 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from exmesh_graph.io.cameras import reduced_size
 from exmesh_graph.io.images import Photo
-from exmesh_graph.io.reduce import area_means, reduced_size
+from exmesh_graph.io.reduce import area_means
 
 _SCALES = (0.5, 2.0)
 _APART = 1.1  # pixels between places from which on they would miss what lies between them

@@ -15,10 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from exmesh_graph.errors import DataError
+from exmesh_graph.io.cameras import reduced_size
 from exmesh_graph.io.formats import PLAIN, Header, read_codes, read_header, turned
 from exmesh_graph.io.images import picture_size, read_raw, write_codes
 from exmesh_graph.io.one_size import common_shape
-from exmesh_graph.io.reduce import area_means, reduced_codes, reduced_size
+from exmesh_graph.io.reduce import area_means, reduced_codes
 from exmesh_graph.resources import usable_cores
 
 _BYTES = 100

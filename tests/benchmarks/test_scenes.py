@@ -169,6 +169,17 @@ def test_mitsuba_draws_what_the_sum_over_texels_says(ball_and_box):
         assert np.median(ratio) == pytest.approx(1, abs=0.02), name
 
 
+def test_a_close_up_is_level_and_shows_what_it_is_aimed_at(ball_and_box):
+    truth, far = Truth(ball_and_box), spiral(3, 0.1, 0.6, 0.0, 0)[1]
+    near = make.closer(far, truth, 5)
+    np.testing.assert_allclose(near[:3, :3].T @ near[:3, :3], np.eye(3), atol=1e-6)
+    assert abs(near[2, 0]) < 1e-6
+    ahead = truth.cast(np.concatenate([near[:3, 3], -near[:3, 2]])[None].astype(np.float32))
+    along = truth.cast(np.concatenate([far[:3, 3], -near[:3, 2]])[None].astype(np.float32))
+    assert ahead.hit.all()
+    assert ahead.distance[0] == pytest.approx(make.NEAR * along.distance[0], rel=1e-3)
+
+
 @pytest.mark.parametrize("moves", ["turntable", "camera"])
 def test_light_that_moves_is_the_file_for_a_level_camera_before_the_object(moves):
     """From the side it is turned by a quarter, as the camera is."""

@@ -12,7 +12,7 @@ from exmesh_graph.geometry.hull import (
     Grid,
     SilhouetteField,
     close_ups,
-    crosses_edges,
+    cuts_off,
     shown_resolution,
     silhouette_distance,
     surface,
@@ -286,7 +286,7 @@ def _two_balls(count, size, close):
 
 def test_close_ups_say_nothing_of_what_lies_beyond_their_edges():
     masks, ks, poses = _two_balls(24, 64, 8)
-    crossed = crosses_edges(masks)
+    crossed = cuts_off(masks)
     assert not crossed[:8].any()
     assert crossed[8:].mean() > 0.5
     whole, both = (SilhouetteField.from_masks(masks[:n], ks[:n], poses[:n]) for n in (8, 24))
@@ -304,7 +304,7 @@ def test_close_ups_say_nothing_of_what_lies_beyond_their_edges():
 
 def test_where_no_view_is_whole_what_lies_beyond_an_edge_is_bounded_as_before():
     masks, _, _ = _two_balls(24, 64, 8)
-    assert close_ups(crosses_edges(masks)).sum() == crosses_edges(masks).sum()
+    assert close_ups(cuts_off(masks)).sum() == cuts_off(masks).sum()
     few = np.array([True, True, False, False, True])
     assert not close_ups(few).any()
     assert close_ups(np.append(few, False)).tolist() == [True, True, False, False, True, False]

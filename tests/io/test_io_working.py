@@ -9,10 +9,11 @@ from PIL import Image, ImageOps
 from scipy.ndimage import gaussian_filter
 
 from exmesh_graph.errors import DataError, MissingLibraryError
+from exmesh_graph.io.cameras import reduced_size
 from exmesh_graph.io.formats import read_codes, read_header, turned
 from exmesh_graph.io.images import read_mask, read_photo, read_raw, write_codes
 from exmesh_graph.io.photos import photo_files
-from exmesh_graph.io.reduce import area_means, reduced_codes, reduced_size
+from exmesh_graph.io.reduce import area_means, reduced_codes
 from exmesh_graph.io.settings import PhotosOptions
 from exmesh_graph.io.working import common_size, prepare, upright
 

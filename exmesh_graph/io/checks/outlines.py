@@ -13,7 +13,7 @@ import numpy as np
 from scipy.ndimage import binary_dilation
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.geometry.hull import close_ups, crosses_edges
+from exmesh_graph.geometry.hull import close_ups, cuts_off
 from exmesh_graph.io.checks.readings import Cameras, Reading
 from exmesh_graph.io.normalise import centre_of_masks
 
@@ -33,7 +33,7 @@ class Outlines:
 
     @classmethod
     def of(cls, masks: np.ndarray, cameras: Cameras) -> Outlines:
-        return cls(masks, np.stack([widened(mask) for mask in masks]), cameras, close_ups(crosses_edges(masks)))
+        return cls(masks, np.stack([widened(mask) for mask in masks]), cameras, close_ups(cuts_off(masks)))
 
     def __len__(self) -> int:
         return len(self.masks)
