@@ -61,7 +61,7 @@ def test_the_turned_map_is_read_as_the_map_in_its_own_frame(axis, angle, towards
     towards = towards / np.linalg.norm(towards)
     found = envmap.lookup(turned(sky, turn), torch.from_numpy(towards))
     torch.testing.assert_close(
-        found, envmap.lookup(sky, torch.from_numpy(turn @ towards)), atol=0.02, rtol=0
+        found, envmap.lookup(sky, torch.from_numpy(turn @ towards)), atol=0.04, rtol=0
     )  # at the poles
 
 
