@@ -64,9 +64,8 @@ def load_scene(
     that stand on one flat colour get masks of what differs from it (`io.key`), which is noted. `size` bounds the
     training pictures that are handed on; checks and normalisation see them as they are.
     """
-    given = (
-        np.stack([shot.camera_to_world for shot in train]) if train else np.zeros((0, 4, 4))
-    )  # none lies on its side
+    # as they were held: none lies on its side
+    given = np.array([shot.camera_to_world for shot in train], np.float64).reshape(-1, 4, 4)
     train, sized = of_one_size(train)
     test, held_sized = of_one_size(test)
     fit, held, notes = _read(train, test, downscale, key)

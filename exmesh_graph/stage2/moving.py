@@ -61,7 +61,7 @@ def axis_for(moves: Moves | Literal[False], views: Views | None) -> np.ndarray |
     if views is None:
         raise DataError(
             "light that moves as beside a turntable turns about an axis, which no cameras tell",
-            expected="the training views", fix="wire views.balance's or data's train views into `views`",
+            expected="the training views", fix='views: "@views.train", or set light_moves: false',
         )  # fmt: skip
     axis = turntable_axis(views.camera_to_world)
     if axis is None:
