@@ -5,7 +5,7 @@ pixels into world units by depth / f; the hull is where it is positive. Real mas
 views may be outvoted at each point (the (wrong_masks + 1)-th smallest value counts).
 
 Close-ups show a part of the object: where some views show it whole, those that cut much of it off say nothing of what
-lies beyond their edges (`close_ups`).
+lies beyond their edges (`geometry.close_ups`).
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from scipy.ndimage import distance_transform_edt, map_coordinates
 
 from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.geometry.adjacency import signed_volume
+from exmesh_graph.geometry.close_ups import close_ups, cuts_off
 from exmesh_graph.geometry.pixels import FINENESS, pixel_width
 from exmesh_graph.gpu.cores import split
 from exmesh_graph.gpu.torch_setup import tensor_of
@@ -31,11 +32,6 @@ from exmesh_graph.types.pictures import Pictures
 _DROP = 2.5
 _COARSE = 48
 _RESOLUTIONS = 64, 192
-_WHOLE = 3
-"""Views that show the object whole, from which on close-ups are taken as such."""
-_CUT = 0.75
-"""Of the root of a silhouette's area: how long a part of the picture's edge it takes up in a close-up. Close-ups of
-parts have 1 to 3, pictures that cut a rim 0.6 at most."""
 GRAIN = 1 << 14
 """Points that a core takes at a time."""
 _FIELD_BYTES = 2 << 30
@@ -108,7 +104,7 @@ class SilhouetteField:
         for view, mask in enumerate(alpha):
             inside = reduced_mask(mask, factor) >= 0.5
             boxes.append(_box(inside))
-            cut[view] = _cut(inside)
+            cut[view] = cuts_off(inside)
         empty = [name for name, box in zip(names, boxes, strict=True) if box is None]
         if empty:
             raise DataError(
@@ -202,25 +198,6 @@ def _box(inside: np.ndarray) -> tuple[int, int, int, int] | None:
     """(top, left, bottom, right) of what is inside, the last two exclusive; None where nothing is."""
     rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
     return (rows[0], columns[0], rows[-1] + 1, columns[-1] + 1) if len(rows) else None
-
-
-def close_ups(cut: np.ndarray) -> np.ndarray:
-    """Of views, bool [N], that cut the object off those that say nothing of what lies beyond their edges: all, where
-    enough others show it whole, else none."""
-    return cut & ((~cut).sum() >= _WHOLE)
-
-
-def cuts_off(masks: np.ndarray) -> np.ndarray:
-    """bool [N]: whether the edges of the pictures cut much of the object off, by masks [N, H, W].
-
-    Where they take a corner of it, it hardly goes on but where it touches them.
-    """
-    return np.array([_cut(mask >= 0.5) for mask in masks])
-
-
-def _cut(inside: np.ndarray) -> bool:
-    edge = sum(int(part.sum()) for part in (inside[0], inside[-1], inside[1:-1, 0], inside[1:-1, -1]))
-    return edge > _CUT * float(np.sqrt(inside.sum()))
 
 
 def _bordered(distance: np.ndarray, beyond: list[tuple[int, int]], partial: bool) -> np.ndarray:

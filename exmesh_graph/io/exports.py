@@ -69,8 +69,9 @@ def find_export(folder: Path) -> Export | None:
         if all(any((place / (part + e)).is_file() for e in (".bin", ".txt")) for part in ("cameras", "images")):
             return Export("COLMAP", place)
     for file in sorted(folder.glob("*.xml")):
-        if b"<document" in file.read_bytes()[:2000]:
-            return Export("Metashape", file)
+        with file.open("rb") as opened:
+            if b"<document" in opened.read(2000):
+                return Export("Metashape", file)
     file = folder / "transforms.json"
     return Export("nerfstudio", file) if file.is_file() else None
 
@@ -81,7 +82,11 @@ def read_export(export: Export, pictures: Sequence[Path], working: Sequence[Work
     Pictures that the export does not know are left out. Raises DataError where it cannot be read, where its cameras are
     of other sizes than the pictures, and where it knows fewer than three of them.
     """
-    found = _READERS[export.program](export.place)
+    try:
+        found = _READERS[export.program](export.place)
+    except (KeyError, TypeError, ValueError) as error:
+        what = f"{export.program}'s cameras cannot be read ({type(error).__name__}: {error})"
+        raise DataError(what, where=str(export.place), fix="export them again, or set cameras: find") from error
     own, places = _by_name(found.poses), {picture.name: picture for picture in pictures}
     poses: dict[str, np.ndarray] = {}
     lenses: dict[tuple[int, int, float], Behind] = {}

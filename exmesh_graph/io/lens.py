@@ -5,7 +5,7 @@ write it; Kannala and Brandt 2006 for fisheyes, where theta is the angle to the 
 
     x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6 + k4 r^8) + 2 p1 x y + p2 (r^2 + 2 x^2)
     y' = y (1 + ...) + p1 (r^2 + 2 y^2) + 2 p2 x y
-    x' = x / r theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8)      and y' likewise: fisheyes
+    of fisheyes, x theta / r and y theta / r take the places of x and y, so theta that of r
     u = fx x' + skew y' + cx,   v = fy y' + cy                                    pixel centres at +0.5
 """
 
@@ -62,13 +62,11 @@ class Lens:
     def img_from_cam(self, cam_points: np.ndarray) -> np.ndarray:
         """As `AnyLens`."""
         x, y = cam_points[:, 0] / cam_points[:, 2], cam_points[:, 1] / cam_points[:, 2]
-        r2 = x**2 + y**2
         if self.fisheye:
-            r = np.sqrt(r2)
-            theta = np.arctan(r)
-            bend = np.where(r > 1e-9, theta / np.maximum(r, 1e-9), 1.0) * self._series(theta**2)
-        else:
-            bend = self._series(r2)
+            r = np.maximum(np.hypot(x, y), 1e-9)
+            x, y = x * np.arctan(r) / r, y * np.arctan(r) / r
+        r2 = x**2 + y**2
+        bend = self._series(r2)
         p1, p2 = self.tangential
         u = x * bend + 2 * p1 * x * y + p2 * (r2 + 2 * x**2)
         v = y * bend + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.geometry.hull import Grid, SilhouetteField, close_ups, cuts_off
+from exmesh_graph.geometry.close_ups import close_ups, cuts_off
+from exmesh_graph.geometry.hull import Grid, SilhouetteField
 from exmesh_graph.types import Frame
 
 FILL = 0.95  # radius of the object's bounding sphere after normalisation: room for a loose first surface
@@ -155,10 +156,10 @@ def sphere_from_box(low: Sequence[float], high: Sequence[float]) -> tuple[np.nda
 def centre_of_masks(alpha: np.ndarray, intrinsics: np.ndarray, camera_to_world: np.ndarray) -> tuple[np.ndarray, float]:
     """(centre [3], radius): where rays through the middles of masks [N, H, W] meet, and how far these reach there.
 
-    Close-ups (`geometry.hull.close_ups`) show no middle and are not asked. DataError for an empty mask and for parallel
+    Close-ups (`geometry.close_ups`) show no middle and are not asked. DataError for an empty mask and for parallel
     rays.
     """
-    whole = ~close_ups(cuts_off(alpha))
+    whole = ~close_ups(np.array([cuts_off(mask >= 0.5) for mask in alpha], bool))
     alpha, intrinsics, camera_to_world = alpha[whole], intrinsics[whole], camera_to_world[whole]
     middles, extents = [], []
     for mask in alpha:

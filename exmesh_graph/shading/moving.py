@@ -44,7 +44,7 @@ def light_turns(axis: np.ndarray | None, camera_to_world: np.ndarray) -> np.ndar
 
 
 def turned(environment: torch.Tensor, turn: np.ndarray | None) -> torch.Tensor:
-    """The map [H, W, 3] as it stands in the world, float32, of one in a frame that `turn` [3, 3] takes the world's
+    """The map [H, W, 3] as it stands in the world, of one in a frame that `turn` [3, 3] takes the world's
     directions to; None: as it is. Bilinear; differentiable in the map."""
     if turn is None:
         return environment

@@ -200,6 +200,9 @@ def test_exports_that_do_not_fit_say_so(tmp_path):
     metashape(folder, poses, more='<camera sensor_id="3" label="x"><transform>1 2</transform></camera>')
     with pytest.raises(DataError, match="the transform of x has 2 numbers"):
         loaded(folder, tmp_path / "short")
+    metashape(folder, poses, more='<camera sensor_id="3" label="x"><transform>one two</transform></camera>')
+    with pytest.raises(DataError, match=r"cannot be read \(ValueError: could not convert"):
+        loaded(folder, tmp_path / "words")
 
 
 def test_a_damaged_model_of_colmap_says_so(tmp_path):

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.ndimage import binary_dilation
 
 from exmesh_graph.errors import DataError
-from exmesh_graph.geometry.hull import close_ups, cuts_off
+from exmesh_graph.geometry.close_ups import close_ups, cuts_off
 from exmesh_graph.io.checks.readings import Cameras, Reading
 from exmesh_graph.io.normalise import centre_of_masks
 
@@ -33,7 +33,8 @@ class Outlines:
 
     @classmethod
     def of(cls, masks: np.ndarray, cameras: Cameras) -> Outlines:
-        return cls(masks, np.stack([widened(mask) for mask in masks]), cameras, close_ups(cuts_off(masks)))
+        cut = np.array([cuts_off(mask) for mask in masks], bool)
+        return cls(masks, np.stack([widened(mask) for mask in masks]), cameras, close_ups(cut))
 
     def __len__(self) -> int:
         return len(self.masks)
