@@ -3,7 +3,21 @@
 from __future__ import annotations
 
 from benchmarks.scenes.kinds import Recipe
-from benchmarks.scenes.objects import crowd, garden, harbour, mixed, panel, plain, served, tables, thin, toys, walls
+from benchmarks.scenes.objects import (
+    crowd,
+    fair,
+    garden,
+    harbour,
+    mixed,
+    panel,
+    plain,
+    served,
+    shelf,
+    tables,
+    thin,
+    toys,
+    walls,
+)
 
 RECIPES: dict[str, Recipe] = (
     thin.SCENES
@@ -17,4 +31,6 @@ RECIPES: dict[str, Recipe] = (
     | served.SCENES
     | harbour.SCENES
     | garden.SCENES
+    | shelf.SCENES
+    | fair.SCENES
 )

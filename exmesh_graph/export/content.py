@@ -140,14 +140,16 @@ def mesh_content(asset: Asset, placement: Placement) -> MeshContent:
 
 def file_content(
     asset: Asset, frame: Frame | None, settings: FileSettings
-) -> tuple[dict[str, np.ndarray], Placement, MeshContent, dict[str, Any]]:
-    """(maps as `export.maps.prepare_maps`, placement, mesh, what was measured) of an asset that goes into one file."""
+) -> tuple[Asset, dict[str, np.ndarray], Placement, MeshContent, dict[str, Any]]:
+    """(the asset without vanished parts, maps as `export.maps.prepare_maps`, placement, its mesh, what was measured) of
+    an asset that goes into one file."""
     check_name(settings.name)
     check_asset(asset)
     asset = without_vanished(asset)
     maps, report = prepare_maps(asset, settings)
     placement = place(frame, recentre=settings.recentre)
-    return maps, placement, mesh_content(asset, placement), report | mesh_report(asset, placement) | placement.report
+    report |= mesh_report(asset, placement) | placement.report
+    return asset, maps, placement, mesh_content(asset, placement), report
 
 
 def camera_contents(views: Views, placement: Placement, reach: float) -> tuple[CameraContent, ...]:

@@ -61,7 +61,7 @@ def gltf_document(
 ) -> tuple[dict[str, Any], bytes, dict[str, Any]]:
     """(JSON document, binary chunk, what was measured) of an asset; as `write_gltf`, which writes them."""
     settings = settings or FileSettings()
-    prepared, placement, mesh, report = file_content(asset, frame, settings)
+    asset, prepared, placement, mesh, report = file_content(asset, frame, settings)
     moved = {name: value for name, value in report.items() if name.startswith("recentred_by_")}
     blob = Blob()
     primitive = _primitive(blob, asset, mesh, placement)

@@ -34,7 +34,7 @@ def write_textured_obj(
     """
     settings = settings or FileSettings()
     name = settings.name
-    prepared, placement, mesh, report = file_content(asset, frame, settings)
+    _, prepared, placement, mesh, report = file_content(asset, frame, settings)
     with new_folder(folder) as partial:
         material = ["newmtl surface", "Kd 1 1 1", "Ks 0.04 0.04 0.04", "Ni 1.5", "illum 2", "Pr 1", "Pm 0"]
         for key, codes in prepared.items():

@@ -151,3 +151,18 @@ def test_obj_and_its_material(tmp_path, mirrored):
         assert statement in material.splitlines()
         if ".png" in statement:
             assert (tmp_path / "out" / statement.split()[1]).is_file()
+
+
+@pytest.mark.parametrize("write", [write_gltf, write_textured_obj])
+def test_a_part_that_has_shrunk_to_nothing_is_left_out(tmp_path, write):
+    plain = example_asset()
+    speck, count = np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]]), len(plain.vertices)
+    grown = example_asset(
+        vertices=np.concatenate([plain.vertices, np.full((4, 3), 0.1, np.float32)]),
+        faces=np.concatenate([plain.faces, (speck + count).astype(np.int32)]),
+        uv_faces=np.concatenate([plain.uv_faces, plain.uv_faces[:1].repeat(4, 0)]),
+    )
+    write(tmp_path / "plain", plain)
+    write(tmp_path / "grown", grown)
+    for file in sorted((tmp_path / "plain").iterdir()):
+        assert (tmp_path / "grown" / file.name).read_bytes() == file.read_bytes()

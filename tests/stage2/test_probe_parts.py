@@ -8,13 +8,12 @@ import pytest
 
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.transport import trace_transport
-from exmesh_graph.stage2.probe import metal
+from exmesh_graph.stage2.probe import metal, sharp
 from exmesh_graph.stage2.probe.decide import (
     decide_bounces,
     decide_environment,
     decide_light_first,
     decide_part,
-    decide_sharp,
     pays,
     required,
     with_noise,
@@ -127,13 +126,28 @@ def test_a_part_must_pay_under_every_split_and_bring_its_least():
         assert "2 splits" in found.reason
 
 
-def test_a_start_is_sharp_where_both_splits_say_so_beyond_doubt():
-    for gains, value in (([Gain(2.0, 0.3), Gain(1.2, 0.2)], 0.2), ([Gain(2.0, 0.3), Gain(0.9, 0.2)], 0.5),
-                         ([Gain(2.0, 1.5)], 0.5), ([Gain(-0.2, 0.1)], 0.5)):  # fmt: skip
-        found = decide_sharp(gains, 0.2, 0.5, 1.0)
-        assert found.value == value
-        assert found.gain == min(gain.gain for gain in gains)
-        assert "roughness 0.2 in place of 0.5" in found.reason
+def test_a_start_is_sharp_where_both_splits_end_apart_and_say_so_beyond_doubt():
+    clear, slight = sharp.Comparison(Gain(3.0, 0.4), 0.2), sharp.Comparison(Gain(1.2, 0.2), 0.11)
+    noisy, less = sharp.Comparison(Gain(2.0, 1.1), 0.2), sharp.Comparison(Gain(0.9, 0.1), 0.2)
+    near, none = sharp.Comparison(Gain(3.0, 0.4), 0.09), sharp.Comparison(Gain(0.0, math.inf), 0.0)
+    for found, value in (([clear, slight], 0.2), ([clear, noisy], 0.5), ([clear, less], 0.5), ([clear, near], 0.5),
+                         ([clear], 0.5), ([none], 0.5)):  # fmt: skip
+        decision = sharp.decide_sharp(found)
+        assert decision.value == value
+        assert decision.gain == min(one.gain.gain for one in found)
+        assert decision.evidence["smoother"] == min(one.smoother for one in found)
+        assert "roughness 0.2 in place of 0.5" in decision.reason
+
+
+def test_whole_fits_are_made_only_where_the_quick_look_hints_and_the_first_split_tells(monkeypatch):
+    clear, none = sharp.Comparison(Gain(3.0, 0.4), 0.2), sharp.Comparison(Gain(0.4, 0.1), 0.2)
+    monkeypatch.setattr(sharp, "compared", lambda neutral, low: low)
+    for looks, count in (([none, clear, clear], 1), ([clear, none, clear], 1), ([clear, clear, none], 2)):
+        taken = iter(looks)
+        found = sharp.find_sharp(lambda t=taken: (None, next(t)), [lambda t=taken: (None, next(t))] * 2)
+        assert len(found) == count
+        assert sharp.decide_sharp(found).value == sharp.NEUTRAL
+    assert sharp.decide_sharp(sharp.find_sharp(lambda: (None, clear), [lambda: (None, clear)] * 2)).value == sharp.SHARP
 
 
 def test_light_moves_first_where_pictures_are_as_good_and_light_is_more_natural():

@@ -13,7 +13,7 @@ from exmesh_graph.shading.suns import find_suns
 from exmesh_graph.shading.transport import trace_transport, with_bounces
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import neutral_asset
-from exmesh_graph.stage2.probe import metal, scene, short
+from exmesh_graph.stage2.probe import metal, scene, sharp, short
 from exmesh_graph.stage2.probe.light import sampling_gain
 from exmesh_graph.stage2.probe.scene import decision_rows, probe_scene
 from exmesh_graph.stage2.probe.short import ShortFit, sample_views
@@ -49,8 +49,6 @@ def small():
         patch.setattr(metal, "THOROUGH", (24, 12, 240))
         patch.setattr(metal, "QUICK", (12, 4, 100))
         patch.setattr(scene, "LONG_STEPS", 160)
-        patch.setattr(scene, "SHARP_HINT", 0.3)
-        patch.setattr(scene, "SHARP_LEAST", 0.3)  # of pictures so small that a reflection is a pixel
         patch.setattr(scene, "SKIES", (32,))
         patch.setattr(short, "TRANSPORT", short.TRANSPORT.replaced(points=300))
         patch.setattr(short, "SHORT", short.SHORT.replaced(environment_height=16))
@@ -190,9 +188,9 @@ def test_dark_glaze_starts_smooth_and_matte_does_not(matte_probe, hollow_probe):
         sky[row : row + 3, column : column + 4] = 6
     glaze = dataclasses.replace(glaze, base_color=glaze.base_color * 0.2, environment=sky)
     found = probe_scene(carrier_of(glaze), photographed(glaze)).needs.decisions["roughness"]
-    assert found.value == scene.SHARP
-    assert min(found.evidence.values()) == found.gain > scene.SHARP_LEAST
-    assert [_value(probe, "roughness") for probe in (matte_probe, hollow_probe)] == [scene.NEUTRAL] * 2
+    assert found.value == sharp.SHARP
+    assert found.gain > sharp.LEAST
+    assert [_value(probe, "roughness") for probe in (matte_probe, hollow_probe)] == [sharp.NEUTRAL] * 2
 
 
 def test_one_plaster_stays_one_where_light_moves_first():

@@ -53,12 +53,6 @@ def decide_part(gains: Sequence[Gain], cost: float, what: str, least: float = LE
     return Decision(on, *_finite(gain), cost, _reason(what, where, gain, cost, on, least), evidence)
 
 
-def decide_sharp(gains: Sequence[Gain], sharp: float, neutral: float, least: float) -> Decision:
-    """The roughness that the fit starts from: `sharp` where that brings `least` dB at least under every split."""
-    found = decide_part(gains, 1.0, f"A start from roughness {sharp:g} in place of {neutral:g}", least)
-    return replace(found, value=sharp if found.value else neutral)
-
-
 def decide_light_first(terms: tuple[float, float], tints: tuple[float, float], share: float) -> Decision:
     """The share of the steps that move the light alone: `share` where the photographs are explained no worse after it
     and the light found is clearly more natural (light.unnatural), else 0.

@@ -18,7 +18,6 @@ from exmesh_graph.stage2.probe.decide import (
     decide_key_light,
     decide_light_first,
     decide_moving,
-    decide_sharp,
     decide_technique,
     decide_texture,
     pays,
@@ -28,6 +27,7 @@ from exmesh_graph.stage2.probe.gain import Gain, Work, paired_gain
 from exmesh_graph.stage2.probe.geometry import fed_side, measure_shape, texel_budget
 from exmesh_graph.stage2.probe.light import baked_light, sampling_gain, unnatural
 from exmesh_graph.stage2.probe.metal import decide_metal, find_metal
+from exmesh_graph.stage2.probe.sharp import decide_sharp, find_sharp, from_sharp
 from exmesh_graph.stage2.probe.short import FITTED, HELD, Part, Sample, ShortFit, sample_views, traced
 from exmesh_graph.types import Carrier, Decision, SceneNeeds, Views
 
@@ -38,11 +38,8 @@ BASE_STEPS, STEPS, RATE = 150, 60, 0.3
 #: Side of the probe's maps at most and at least; concavity below which the mesh does not see itself; most
 #: interreflections; the skies to try beyond half the first.
 TEXELS, LEAST_TEXELS, CONVEX, MOST_BOUNCES, SKIES = 128, 16, 1e-3, 3, (64, 128)
-#: Roughness that sharp reflections are looked for from, and that a fit starts with else (StartSettings). What starting
-#: low gains in a base fit [dB] before whole fits are made of it, their steps, and what it must gain in them: fits of
-#: what is rough end alike from either (within 0.6 dB), fits from 0.5 of dark glaze stay 2 dB below.
-SHARP, NEUTRAL = 0.2, 0.5
-SHARP_HINT, LONG_STEPS, SHARP_LEAST = 0.8, 500, 1.0
+#: Steps of the long fits.
+LONG_STEPS = 500
 #: What a light that moves may leave of what one that stands leaves (stage2.moving) for fits to be made of it, and what
 #: these must gain [dB].
 MOVING_HINT, MOVING_LEAST = 0.9, 0.5
@@ -199,21 +196,19 @@ class _Probe:
         return self.long
 
     def _sharp(self, start: ShortFit, bounces: int) -> None:
-        """Decide on the roughness to start from. From a rough start, a sky is found that is smooth enough for it, and
-        under that no texel gains by being smoother: both must move at once."""
+        """Decide on the roughness to start from."""
 
-        def gain(neutral: ShortFit, begun: ShortFit, steps: int) -> Gain:
-            low = begun.restarted(Part(roughness=SHARP)).run(steps)
+        def pair(neutral: ShortFit, begun: ShortFit, steps: int) -> tuple[ShortFit, ShortFit]:
+            low = from_sharp(begun, steps)
             self._tick()
-            return self._gain(neutral, low)
+            return neutral, low
 
-        gains = [gain(self.fit, start, BASE_STEPS)]
-        if gains[0].gain > SHARP_HINT:
-            gains = [gain(self._long(start), start, LONG_STEPS)]
-            if pays(gains[0], 1.0, least=SHARP_LEAST):
-                other = self._begun(bounces, other=True)
-                gains.append(gain(other.restarted(Part()).run(LONG_STEPS), other, LONG_STEPS))
-        self.decisions["roughness"] = decide_sharp(gains, SHARP, NEUTRAL, SHARP_LEAST)
+        def other() -> tuple[ShortFit, ShortFit]:
+            begun = self._begun(bounces, other=True)
+            return pair(begun.restarted(Part()).run(LONG_STEPS), begun, LONG_STEPS)
+
+        splits = [lambda: pair(self._long(start), start, LONG_STEPS), other]
+        self.decisions["roughness"] = decide_sharp(find_sharp(lambda: pair(self.fit, start, BASE_STEPS), splits))
 
     def _environment(self, reference: ShortFit) -> None:
         tried_gains = []

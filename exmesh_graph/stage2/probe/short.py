@@ -271,18 +271,28 @@ class ShortFit:
         A cluster is a tile of a held-out view. Pixels on texels that no fitted pixel reads are left out, and so are
         channels at the top of a photograph's range. `only`: of every held-out view the pixels that count, bool [N].
         """
-        prepared = self.model.prepare(1.0, 0)
         errors, pixels = [], []
-        for number, (buffer, known) in enumerate(zip(self.held, self.known, strict=True)):
+        for number, (buffer, known, shown) in enumerate(zip(self.held, self.known, self.held_pictures(), strict=True)):
             if only is not None:
                 known = known & only[number]
-            shown, _ = self.model.shade(buffer, prepared)
-            wrong = (encode_srgb(shown) - encode_srgb(buffer.target)) ** 2
+            wrong = (shown - encode_srgb(buffer.target)) ** 2
             wrong = torch.where(buffer.clipped, torch.zeros_like(wrong), wrong).mean(dim=1)[known]
             sums = sums_over_tiles(wrong.double().numpy(), buffer.pixel[known].numpy(), self.size)
             errors.append(sums[0])
             pixels.append(sums[1])
         return np.concatenate(errors), np.concatenate(pixels)
+
+    @torch.no_grad()
+    def held_pictures(self) -> list[torch.Tensor]:
+        """What the fit shows at the pixels of every held-out view: display values [N, 3]."""
+        prepared = self.model.prepare(1.0, 0)
+        return [encode_srgb(self.model.shade(buffer, prepared)[0]) for buffer in self.held]
+
+    @torch.no_grad()
+    def mean_roughness(self) -> float:
+        """The mean over texels, by how much the fitted pixels read them."""
+        evidence = self._evidence()
+        return float((evidence * self.model.maps.values()[:, 3]).sum() / evidence.sum())
 
     @torch.no_grad()
     def held_metal(self) -> list[torch.Tensor]:
