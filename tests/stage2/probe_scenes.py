@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import replace
 
 import numpy as np
 
@@ -107,6 +108,15 @@ def asset(shape, *, metallic: float | None = None, roughness: float = 0.5, brigh
         seen=np.ones((TEXELS, TEXELS), bool),
         environment=sky.astype(np.float32),
     )
+
+
+def glazed_ball() -> Asset:
+    """A dark, smooth ball in a dark room with seven windows."""
+    glaze = asset(ball(), roughness=0.12, bright=0.05)
+    sky = np.full((32, 64, 3), 0.05, np.float32)
+    for row, column in ((6, 5), (9, 20), (5, 33), (12, 44), (8, 57), (18, 12), (20, 38)):
+        sky[row : row + 3, column : column + 4] = 6
+    return replace(glaze, base_color=glaze.base_color * 0.2, environment=sky)
 
 
 def carrier_of(truth: Asset) -> Carrier:

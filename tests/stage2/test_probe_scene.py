@@ -21,7 +21,7 @@ from exmesh_graph.stage2.render import render_transport, render_views
 from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
 from exmesh_graph.stage2.start_light import KeyLight
 from tests.stage2 import probe_scenes
-from tests.stage2.probe_scenes import asset, ball, box, cameras, carrier_of, photographed, plaster_die
+from tests.stage2.probe_scenes import asset, ball, box, cameras, carrier_of, glazed_ball, photographed, plaster_die
 
 pytestmark = pytest.mark.thorough  # all of them, for what they share costs most
 
@@ -182,11 +182,7 @@ def test_gloss_that_no_coat_explains_is_not_taken_for_metal():
 
 def test_dark_glaze_starts_smooth_and_matte_does_not(matte_probe, hollow_probe):
     """Windows in a dark room, mirrored by a dark ball: from a rough start they are lost in a smooth sky."""
-    glaze = asset(ball(), roughness=0.12, bright=0.05)
-    sky = np.full((32, 64, 3), 0.05, np.float32)
-    for row, column in ((6, 5), (9, 20), (5, 33), (12, 44), (8, 57), (18, 12), (20, 38)):
-        sky[row : row + 3, column : column + 4] = 6
-    glaze = dataclasses.replace(glaze, base_color=glaze.base_color * 0.2, environment=sky)
+    glaze = glazed_ball()
     found = probe_scene(carrier_of(glaze), photographed(glaze)).needs.decisions["roughness"]
     assert found.value == sharp.SHARP
     assert found.gain > sharp.LEAST
