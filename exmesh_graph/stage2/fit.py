@@ -20,7 +20,7 @@ from exmesh_graph.stage2.objective import indirect_strength, weighted_terms
 from exmesh_graph.stage2.palette import METAL_WIDER, gather_colors, gathering, light_follows
 from exmesh_graph.stage2.pictures import view_psnr
 from exmesh_graph.stage2.result import finished_asset
-from exmesh_graph.stage2.schedule import learning_rates, lit_first
+from exmesh_graph.stage2.schedule import GLOSSY, glossy_first, learning_rates, light_waits, lit_first
 from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.types import Asset, Carrier, Transport, Views
 
@@ -91,7 +91,8 @@ def _optimise(
 ) -> dict[str, list[float]]:
     """All steps; the common factor ends folded into maps and environment. Returns the curves."""
     settings = model.settings
-    alone = lit_first(settings)
+    alone, glossy = lit_first(settings), glossy_first(settings)
+    given = model.maps.parameter[:, 3].detach().clone()
     generator = torch.Generator().manual_seed(seed)
     optimiser = Adam([model.maps.parameter, model.environment, model.factor.parameter], learning_rates(settings))
     refresh = {round(settings.iterations * (i + 1) / (settings.corrections + 1)) for i in range(settings.corrections)}
@@ -100,6 +101,8 @@ def _optimise(
     first = 0
     guard = Guard(model, optimiser, lambda view, step: weighted_terms(model, view, step)[0], warn)
     if resumed is None:
+        if glossy:
+            model.maps.polish(GLOSSY)
         model.start()
         if not model.neutral and settings.corrections:
             model.measure(settings.indirect_weight, generator)
@@ -113,6 +116,11 @@ def _optimise(
         guard.restore(kept["guard"])
     seen = model.buffers.evidence.weight
     for step in range(first, settings.iterations):
+        if step == glossy > 0:
+            with torch.no_grad():
+                model.maps.parameter[:, 3] = given
+            optimiser.forget()
+            guard.renew()
         if time := agreeing(settings, step):
             turned = agree_on_metal(model.maps, seen, settings.metal_share, model.places, again=time > 1)
             if log:
@@ -139,6 +147,8 @@ def _optimise(
             continue
         if model.exposure is not None and step >= alone:
             model.exposure.follow(buffer, predicted, step / settings.iterations)
+        if light_waits(settings, step):
+            model.environment.grad = None
         gradient = model.maps.parameter.grad
         if gradient is not None and metal_alone(settings, step):
             gradient[:, :4] = 0

@@ -109,9 +109,7 @@ class MaterialMaps:
             resized = resize_texture(image.reshape(*image.shape[:2], -1), size)
             return resized.reshape(size * size, -1)[texels.cpu()].to(device)
 
-        span = (1 - settings.roughness_min) * (1 + PAST_ONE)
-        roughness = (texels_of(start.roughness) - settings.roughness_min) / span
-        columns = [logit(texels_of(start.base_color), NARROW_MARGIN), logit(roughness, NARROW_MARGIN)]
+        columns = [logit(texels_of(start.base_color), NARROW_MARGIN), self.of_roughness(texels_of(start.roughness))]
         if settings.metallic:
             if start.metallic is None:
                 columns.append(logit(texels_of(np.full((1, 1), START_METALLIC, np.float32))))
@@ -124,6 +122,14 @@ class MaterialMaps:
         self.spare: torch.Tensor | None = None
         self.extreme: tuple[int, int, float] | None = None
 
+    @torch.no_grad()
+    def polish(self, most: float) -> torch.Tensor:
+        """Make every texel as smooth as a roughness of `most` at least. Returns the column [T] as it was."""
+        column = self.parameter[:, 3]
+        before = column.detach().clone()
+        column.clamp_(max=float(self.of_roughness(torch.tensor(most))))
+        return before
+
     def values(self) -> torch.Tensor:
         """Base colour, roughness (metallic, slopes) of the texels, [T, 4 to 7]; differentiable in `parameter`."""
         count = 5 if self.settings.metallic else 4
@@ -133,6 +139,11 @@ class MaterialMaps:
         roughness = raw - (raw - 1).clamp_min(0).detach()  # cut at 1; the gradient passes, so that it can come back
         slopes = SLOPE * self.parameter[:, count:]
         return torch.cat([values[:, :3], roughness, values[:, 4:], slopes], dim=1)
+
+    def of_roughness(self, roughness: torch.Tensor) -> torch.Tensor:
+        """The parameter whose value is `roughness`."""
+        low = self.settings.roughness_min
+        return logit((roughness - low) / ((1 - low) * (1 + PAST_ONE)), NARROW_MARGIN)
 
     def undecided(self) -> torch.Tensor:
         """Mean of m (1 - m) over the texels' metallic m, a scalar: 0 where each is metal or none."""

@@ -22,3 +22,25 @@ def lit_first(settings: DecompositionSettings) -> int:
     no photograph corrects them: under a low sun a plaster of one colour ends as one colour a wall.
     """
     return 0 if settings.keep_light else round(settings.light_first * settings.iterations)
+
+
+#: The roughness that glossy steps begin from at most; for how long the light waits when roughness begins again, as a
+#: share of the steps: a texel that starts rough would blur it before it has come down itself.
+GLOSSY, GLOSSY_WAIT = 0.2, 0.1
+
+
+def glossy_first(settings: DecompositionSettings) -> int:
+    """How many of the first steps begin from a low roughness.
+
+    Roughness and light are found together, and a rough surface asks for a blurred light, under which nothing gains by
+    being smoother. Metal has its colour by what it mirrors alone: a light that it found while smooth is sharp.
+    """
+    if settings.keep_light or not settings.metallic:
+        return 0
+    return round(settings.glossy_first * settings.iterations)
+
+
+def light_waits(settings: DecompositionSettings, step: int) -> bool:
+    """Whether the light waits in this step for roughness that has begun again."""
+    since = glossy_first(settings)
+    return 0 < since <= step < since + round(GLOSSY_WAIT * settings.iterations)

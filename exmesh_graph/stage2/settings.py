@@ -149,6 +149,14 @@ class DecompositionSettings(FitSettings):
         doc="Share of the steps, the first, that move the light alone, so that what differs from wall to wall is the "
         "light's first and the paint's after; no such steps under keep_light.",
     )
+    glossy_first: float = param(
+        0.0,
+        ge=0,
+        lt=1,
+        doc="Share of the steps, the first, that begin from a roughness of 0.2 at most where a metallic map is fitted, "
+        "so that the light is found by what mirrors it; then roughness begins again, as `start` has it, and the light "
+        "waits for a tenth of the steps. No such steps without metal, nor under keep_light.",
+    )
     metallic: Annotated[bool, Auto("needs")] = param(False, doc="Fit a metallic map, from `start`'s or 0.2.")
     metal_share: float = param(
         0.0,

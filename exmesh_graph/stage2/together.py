@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
-from exmesh_graph.stage2.init import NARROW_MARGIN, logit
-from exmesh_graph.stage2.maps import PAST_ONE, Material
+from exmesh_graph.stage2.maps import Material
 
 if TYPE_CHECKING:
     from exmesh_graph.stage2.decomposition import Decomposition
@@ -39,9 +38,7 @@ def settle_roughness(model: Decomposition, doubt: float) -> str:
     variance = doubt * residual / evidence.clamp_min(1e-9 * max(residual, 1e-12))
     fitted = values[:, 3].double().cpu().numpy()
     roughness, spread = drawn_together(fitted, variance.cpu().numpy(), alike.double().cpu().numpy())
-    low = model.settings.roughness_min
-    share = (torch.from_numpy(roughness).to(values) - low) / ((1 - low) * (1 + PAST_ONE))
-    model.maps.parameter[:, 3] = logit(share, NARROW_MARGIN)
+    model.maps.parameter[:, 3] = model.maps.of_roughness(torch.from_numpy(roughness).to(values))
     moved = float(np.abs(roughness - fitted).mean())
     return f"roughness varies by {spread:.3f} within a colour; drawn together by {moved:.3f} on average"
 

@@ -11,7 +11,7 @@ from exmesh_graph.types.state import load_state, save_state
 
 SETTINGS = DecompositionSettings(
     environment_height=8, iterations=20, material_rate=0.05, environment_rate=0.2, indirect_ramp=5, corrections=3,
-    correction_samples=2, metallic=True, light_first=0.35, metal_share=0.1, palette_width=0.1,
+    correction_samples=2, metallic=True, light_first=0.35, glossy_first=0.4, metal_share=0.1, palette_width=0.1,
 )  # fmt: skip
 
 
