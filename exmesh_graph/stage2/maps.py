@@ -123,12 +123,9 @@ class MaterialMaps:
         self.extreme: tuple[int, int, float] | None = None
 
     @torch.no_grad()
-    def polish(self, most: float) -> torch.Tensor:
-        """Make every texel as smooth as a roughness of `most` at least. Returns the column [T] as it was."""
-        column = self.parameter[:, 3]
-        before = column.detach().clone()
-        column.clamp_(max=float(self.of_roughness(torch.tensor(most))))
-        return before
+    def polish(self, most: float) -> None:
+        """Make every texel as smooth as a roughness of `most` at least."""
+        self.parameter[:, 3].clamp_(max=float(self.of_roughness(torch.tensor(most))))
 
     def values(self) -> torch.Tensor:
         """Base colour, roughness (metallic, slopes) of the texels, [T, 4 to 7]; differentiable in `parameter`."""
