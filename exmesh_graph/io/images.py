@@ -112,27 +112,28 @@ def read_photo(path: Path, *, premultiplied: bool | None = None) -> Photo:
 
     Integer files hold sRGB with straight alpha; float files (EXR) hold linear light, premultiplied.
     `premultiplied` overrides the latter for float files that break the EXR rule.
-    Raises DataError for undecodable files, 2 or more than 4 channels, and values that are not finite.
+    Raises DataError for undecodable files, for channels other than gray or RGB and alpha (beside gray in files of
+    integers only), and for values that are not finite.
     """
     path = Path(path)
     pixels = read_raw(path)
     channels = pixels.shape[2]
-    if channels not in (1, 3, 4):
+    is_float = path.suffix.lower() in FLOAT_SUFFIXES
+    if channels not in ((1, 3, 4) if is_float else (1, 2, 3, 4)):
         raise DataError(
-            f"the image has {channels} channels", where=str(path), expected="1 (gray), 3 (RGB) or 4 (RGBA)",
+            f"the image has {channels} channels", where=str(path),
+            expected="1 (gray), 3 (RGB) or 4 (RGBA)" + ("" if is_float else ", or 2 (gray and alpha)"),
             fix="export it as plain RGB or RGBA (an EXR with one layer)",
         )  # fmt: skip
-    is_float = path.suffix.lower() in FLOAT_SUFFIXES
-    linear = _scaled(pixels[..., :3]) if is_float else _linear(pixels[..., :3])
-    rgb = np.repeat(linear, 3, axis=2) if channels == 1 else linear
+    if channels < 3:
+        pixels, channels = pixels[..., [0, 0, 0, 1][: channels + 2]], channels + 2
+    rgb = _scaled(pixels[..., :3]) if is_float else _linear(pixels[..., :3])
     alpha = np.clip(_scaled(pixels[..., 3]), 0, 1) if channels == 4 else np.ones(pixels.shape[:2], np.float32)
     if pixels.dtype.kind == "f":
         check_finite(pixels, path)
     if channels == 4 and (not is_float or premultiplied is False):
         rgb = rgb * alpha[..., None]
-    codes = None
-    if pixels.dtype.kind == "u" and not is_float:
-        codes = np.repeat(pixels, 3, axis=2) if channels == 1 else pixels
+    codes = pixels if pixels.dtype.kind == "u" and not is_float else None
     return Photo(np.ascontiguousarray(rgb), np.ascontiguousarray(alpha), channels == 4, not is_float, codes)
 
 

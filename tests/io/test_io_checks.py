@@ -218,6 +218,15 @@ class TestLight:
         assert said in finding.what
         assert not finding.grave
 
+    def test_sides_that_no_training_view_lies_beside_are_not_asked(self):
+        axes = np.concatenate([np.eye(3), -np.eye(3)])
+        between = np.array([[1, 1, 1], [1, -1, 1], [-1, 1, 1], [-1, -1, 1]]) / np.sqrt(3)
+        close = np.repeat(between, 4, axis=0) + 0.2 * np.tile(np.eye(4)[:, :3], (4, 1))  # four about each
+        dark, bright, names = np.full((16, 3), 0.3), np.full((4, 3), 0.42), ("a", "b", "c", "d")
+        assert check_light((dark[:6], axes), (bright, between), np.zeros(3), names) == []
+        [finding] = check_light((dark, close), (bright, between), np.zeros(3), names)
+        assert "1.40 times as bright" in finding.what
+
     def test_white_balance(self):
         [finding] = check_light(*self.colours(np.array([1.2, 1.0, 0.85])))
         assert finding.check == "white balance"

@@ -141,11 +141,26 @@ def test_values_that_are_not_finite_are_counted_and_placed(tmp_path):
         read_photo(tmp_path / "a.exr")
 
 
+@pytest.mark.parametrize("depth", ["uint8", "uint16"])
+def test_gray_with_and_without_alpha_is_three_times_the_same_colour(tmp_path, rng, depth):
+    gray, alpha = rng.random((5, 7, 1)), rng.random((5, 7, 1))
+    for name, parts in (("gray", [gray]), ("both", [gray, alpha])):
+        write_image(tmp_path / f"{name}.png", np.concatenate(parts, 2), depth)
+        write_image(tmp_path / f"{name}_rgb.png", np.concatenate([gray] * 3 + parts[1:], 2), depth)
+        found, colour = read_photo(tmp_path / f"{name}.png"), read_photo(tmp_path / f"{name}_rgb.png")
+        for field in ("rgb", "alpha", "codes"):
+            np.testing.assert_array_equal(getattr(found, field), getattr(colour, field))
+        assert found.has_alpha == colour.has_alpha == (len(parts) == 2)
+
+
 def test_mask_and_channel_checks(tmp_path, rng):
     write_image(tmp_path / "m.png", np.array([[0, 1], [0.5, 1]]))
     assert read_mask(tmp_path / "m.png")[0].tolist() == [0, 1]
-    write_image(tmp_path / "two.png", rng.random((2, 2, 2)))
+    write_image(tmp_path / "two.exr", rng.random((2, 2, 2)), "float")
     with pytest.raises(DataError, match=r"2 channels"):
-        read_photo(tmp_path / "two.png")
+        read_photo(tmp_path / "two.exr")
+    write_image(tmp_path / "five.exr", rng.random((2, 2, 5)), "float")
+    with pytest.raises(DataError, match=r"5 channels"):
+        read_photo(tmp_path / "five.exr")
     with pytest.raises(DataError, match="cannot be written"):
         write_image(tmp_path / "no" / "folder.png", rng.random((2, 2, 3)))

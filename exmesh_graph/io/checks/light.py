@@ -10,7 +10,9 @@ from exmesh_graph.io.checks.finding import Finding
 
 _EXPOSURE, _BALANCE = np.log(1.2), np.log(1.1)
 _FEWEST = 2
-_NEAREST = 3
+#: Training views beside a test view, and the least cosine, on the mean, between their directions and its own: sides of
+#: an object that lie farther apart than 40 degrees may differ by paint.
+_NEAREST, _BESIDE = 3, 0.766
 
 
 def check_light(
@@ -23,12 +25,15 @@ def check_light(
 
     A test view's colour is set beside the mean of its three nearest training views (by direction), and each training
     view likewise beside its own: what differs by far more than those do, over the median test view, is exposure or
-    white balance.
+    white balance. Test views that no training views lie beside are not asked.
     """
     if len(names) < _FEWEST or len(train[0]) < _NEAREST + 1:
         return []
-    off = _differences(*held, *train, middle, 0)
-    usual = _differences(*train, *train, middle, 1)
+    off, beside = _differences(*held, *train, middle, 0)
+    usual, _ = _differences(*train, *train, middle, 1)
+    off = off[beside >= _BESIDE]
+    if len(off) < _FEWEST:
+        return []
     shift = np.median(off, axis=0)
     error = 3 * 1.25 * np.median(np.abs(usual - np.median(usual, axis=0)), axis=0) * 1.48 / np.sqrt(len(off))
     findings = []
@@ -59,12 +64,13 @@ def mean_colours(images: Iterable[np.ndarray], alpha: Iterable[np.ndarray]) -> n
 
 def _differences(
     colours: np.ndarray, places: np.ndarray, others: np.ndarray, other_places: np.ndarray, middle: np.ndarray, skip: int
-) -> np.ndarray:
-    """[N, 3] logarithms of (luminance, red / green, blue / green) over the mean of the nearest of the others."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """[N, 3] logarithms of (luminance, red / green, blue / green) over the mean of the nearest of the others; [N] the
+    mean cosine between the directions of these and its own."""
     near = _directions(places, middle) @ _directions(other_places, middle).T
     chosen = np.argsort(-near, axis=1, kind="stable")[:, skip : skip + _NEAREST]
     values, other_values = _logarithms(colours), _logarithms(others)
-    return values - other_values[chosen].mean(axis=1)
+    return values - other_values[chosen].mean(axis=1), np.take_along_axis(near, chosen, axis=1).mean(axis=1)
 
 
 def _logarithms(colours: np.ndarray) -> np.ndarray:
