@@ -42,6 +42,11 @@ class Solid:
         )
         return Solid(name or self.name, tuple(charts))
 
+    def scaled(self, size: float) -> Solid:
+        """So many times as large about the origin."""
+        charts = (replace(c, points=c.points * size, flat=c.flat * size) for c in self.charts)
+        return Solid(self.name, tuple(charts))
+
 
 def grid(points: np.ndarray, normals: np.ndarray) -> Chart:
     """The chart of points [A, B, 3] with normals [A, B, 3], laid flat by its mean lengths along either axis."""

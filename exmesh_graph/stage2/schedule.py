@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from exmesh_graph.stage2.settings import DecompositionSettings
 
+#: The roughness that glossy steps begin from at most; for how long the light waits when roughness begins again, as a
+#: share of the steps: a texel that starts rough would blur it before it has come down itself.
+GLOSSY, GLOSSY_WAIT = 0.2, 0.1
+
 
 def learning_rates(settings: DecompositionSettings) -> list[float]:
     """First learning rates of maps, environment and common factor.
@@ -22,11 +26,6 @@ def lit_first(settings: DecompositionSettings) -> int:
     no photograph corrects them: under a low sun a plaster of one colour ends as one colour a wall.
     """
     return 0 if settings.keep_light else round(settings.light_first * settings.iterations)
-
-
-#: The roughness that glossy steps begin from at most; for how long the light waits when roughness begins again, as a
-#: share of the steps: a texel that starts rough would blur it before it has come down itself.
-GLOSSY, GLOSSY_WAIT = 0.2, 0.1
 
 
 def glossy_first(settings: DecompositionSettings) -> int:

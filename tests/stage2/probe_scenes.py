@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import replace
 
 import numpy as np
 
@@ -116,7 +115,7 @@ def glazed_ball() -> Asset:
     sky = np.full((32, 64, 3), 0.05, np.float32)
     for row, column in ((6, 5), (9, 20), (5, 33), (12, 44), (8, 57), (18, 12), (20, 38)):
         sky[row : row + 3, column : column + 4] = 6
-    return replace(glaze, base_color=glaze.base_color * 0.2, environment=sky)
+    return dataclasses.replace(glaze, base_color=glaze.base_color * 0.2, environment=sky)
 
 
 def carrier_of(truth: Asset) -> Carrier:

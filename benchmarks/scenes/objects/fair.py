@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from benchmarks.scenes.kinds import Recipe
@@ -24,7 +22,7 @@ def balloons() -> list[Solid]:
             smooth((0.10, -0.55), (0.25, -0.32), (0.42, 0.0), (0.46, 0.22), (0.36, 0.48), (0.14, 0.62), (0.0, 0.64),
                    count=64), sides=96,
         )  # fmt: skip
-        found.append(_scaled(skin, size).moved(at))
+        found.append(skin.scaled(size).moved(at))
         half = 0.10 * size
         low = at - np.array([0, 0, 0.82 * size])
         found.append(box(f"basket {k}", (half, half, 0.8 * half), 0.015).moved(low))
@@ -35,11 +33,6 @@ def balloons() -> list[Solid]:
                 found.append(rod("rope", top, end, 0.009, sides=8))
         found.append(rod("pole", low - [0, 0, 0.05], (x, y, -1.0), 0.022, sides=16))
     return found
-
-
-def _scaled(solid: Solid, size: float) -> Solid:
-    charts = tuple(replace(c, points=c.points * size, flat=c.flat * size) for c in solid.charts)
-    return replace(solid, charts=charts)
 
 
 def paint_balloons(p: np.ndarray, n: np.ndarray, part: np.ndarray) -> tuple:
@@ -57,13 +50,12 @@ def paint_balloons(p: np.ndarray, n: np.ndarray, part: np.ndarray) -> tuple:
 
 
 def brush() -> list[Solid]:
-    """A scrubbing brush lying on its back: a varnished wooden block, a handle with a ring, 340 stiff bristles."""
+    """A scrubbing brush lying on its back: a varnished wooden block, a handle with a ring, 336 stiff bristles."""
     rng = np.random.default_rng(12)
     found = [box("wood", (0.62, 0.26, 0.085), 0.06, steps=6)]
-    grip = [(0.55, 0), (0.75, 0.03), (1.0, 0.05), (1.25, 0.035), (1.4, 0.0)]
-    path = np.array([(x, 0, z) for x, z in grip])
+    grip = np.array([(0.55, 0, 0), (0.75, 0, 0.03), (1.0, 0, 0.05), (1.25, 0, 0.035), (1.4, 0, 0)])
     share = np.linspace(0, 1, 33)
-    line = np.column_stack([np.interp(share, np.linspace(0, 1, 5), path[:, k]) for k in range(3)])
+    line = np.column_stack([np.interp(share, np.linspace(0, 1, 5), along) for along in grip.T])
     found.append(tube("wood", line, 0.085 + 0.03 * np.sin(np.pi * share), sides=24))
     found.append(tube("steel", ring((1.47, 0, 0.0), 0.09, 48), 0.016, closed=True))
     for x in np.linspace(-0.54, 0.54, 14):
@@ -83,7 +75,7 @@ def paint_brush(p: np.ndarray, n: np.ndarray, part: np.ndarray) -> tuple:
 
 
 def cactus() -> list[Solid]:
-    """A ribbed cactus with an arm and a bloom in a clay pot, spines of two lengths along its ribs."""
+    """A ribbed cactus with an arm and a bloom in a clay pot, hundreds of spines along its ribs."""
     rng = np.random.default_rng(5)
     pot = turned(
         "pot", [(0, 0), (0.30, 0)], [(0.30, 0), (0.40, 0.42)], [(0.40, 0.42), (0.45, 0.42)],

@@ -2,12 +2,13 @@
 
 Roughness and sky are found together. From a rough start a sky is found that is smooth enough for it, and under that no
 texel gains by being smoother: both must move at once. A highlight is a hundredth of the pixels, and all others, with
-their noise, hide it: white china gains 0.3 dB on all of them and 2 to 4 on those that the two fits show most unlike.
-Where both fits end near each other the start does not matter, and the rough one is kept: what is rough stays so.
+their noise, hide it: white china gains 0.1 to 0.5 dB on all of them and 1 to 4 on those that the two fits show most
+unlike. Where both fits end near each other the start does not matter, and the rough one is kept: the rough stay rough.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -16,10 +17,11 @@ import torch
 from exmesh_graph.stage2.probe.decide import SIGMAS, pays
 from exmesh_graph.stage2.probe.gain import Gain, paired_gain
 from exmesh_graph.stage2.probe.short import Part, ShortFit
+from exmesh_graph.stage2.schedule import GLOSSY
 from exmesh_graph.types import Decision
 
 #: Roughness that sharp reflections are looked for from, and that a fit starts with else (StartSettings).
-SHARP, NEUTRAL = 0.2, 0.5
+SHARP, NEUTRAL = GLOSSY, 0.5
 #: The share of the held-out pixels that is asked: those that the two fits show most unlike.
 ASKED = 0.02
 #: What these must gain [dB], in a quick look for whole fits to be made and in these, and by how much smoother the
@@ -75,11 +77,12 @@ def decide_sharp(found: Sequence[Comparison]) -> Decision:
     least = min(found, key=lambda one: one.gain.gain)
     smoother = min(one.smoother for one in found)
     on = len(found) > 1 and all(one.tells() for one in found)
-    error = least.gain.error if least.gain.error < float("inf") else None
-    number = f"{least.gain.gain:+.2f} ± {error:.2f} dB" if error is not None else "nothing that could be told"
+    error = least.gain.error if math.isfinite(least.gain.error) else None
+    told = "nothing that could be told" if error is None else f"{least.gain.gain:+.2f} ± {error:.2f} dB"
+    where = f"the least of {len(found)} splits" if len(found) > 1 else "one split"
     reason = (
-        f"A start from roughness {SHARP:g} in place of {NEUTRAL:g} brings {number} on the {100 * ASKED:.0f} % of the "
-        f"held-out pixels that it changes most, and ends {smoother:.2f} smoother (the least of {len(found)} splits); "
+        f"A start from roughness {SHARP:g} in place of {NEUTRAL:g} brings {told} on the {100 * ASKED:.0f} % of the "
+        f"held-out pixels that it changes most, and ends {smoother:.2f} smoother ({where}); "
         f"{LEAST:.2f} dB, {SIGMAS:g} times the error and {SMOOTHER:.2f} under two splits are asked."
     )
     evidence = {f"gain_of_split_{number}": one.gain.gain for number, one in enumerate(found, 1)}
