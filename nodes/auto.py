@@ -71,7 +71,7 @@ class AutoOut(NamedTuple):
 
 @node(
     "init.auto",
-    version="13",
+    version="14",
     libraries=("torch", "warp-lang", "scipy", "scikit-image", "open3d", "pymeshlab"),
     resumable=True,
     resources=ON_DEVICE,
@@ -82,13 +82,15 @@ def auto(
     points: PointCloud | None = None,
     depths: DepthMaps | None = None,
     stereo: DepthMaps | None = None,
+    ground: Mesh | None = None,
     *,
     p: AutoParams,
 ) -> AutoOut:
     """A coarse mesh by what there is: the hull of masks, carved by stereo; without masks the depth of stereo, fused.
 
     Depth maps that are wired in take its place, and Gaussians where `iterations` asks for them; `stereo` is its depth
-    where that was found already (mask.auto), and is not looked for again. Only what is chosen runs. Where a hull was
+    where that was found already (mask.auto), and is not looked for again. A hull ends on the `ground`, where one was
+    found: what cameras from above do not see below the object is none of it. Only what is chosen runs. Where a hull was
     carved, the photographs say which of its flat parts are mouths of vessels (`openings`), what of the carving they let
     go, and which surface is kept: the opened hull, or what stereo or the Gaussians leave of it. What masks show is not
     carved away. `decisions` says why, for the report.
@@ -100,6 +102,7 @@ def auto(
     from exmesh_graph.geometry.carve import carving
     from exmesh_graph.geometry.closed import hull_surface, solid_surface
     from exmesh_graph.geometry.coarse_start import ENOUGH_VIEWS, Known, choose, reduction
+    from exmesh_graph.geometry.grounded import Grounded
     from exmesh_graph.geometry.hull import SilhouetteField
     from exmesh_graph.geometry.openings import opened
     from exmesh_graph.gpu.torch_setup import sharing
@@ -128,6 +131,8 @@ def auto(
         )  # fmt: skip
     outline = HullSettings(resolution=p.resolution, wrong_masks=p.wrong_masks)
     field = SilhouetteField.of_views(views, p.wrong_masks) if masks and method != "sphere" else None
+    if field is not None and ground is not None:
+        field = Grounded.on(field, ground)
     solid = _hull_solid(field) if field else None
     shown, vessel = views, None  # the photographs that foretell one another; what was said on openings
     if method == "hull":

@@ -123,9 +123,10 @@ class AutoOut(NamedTuple):
     train: Train
     decisions: Metrics
     depths: DepthMaps | None  # of stereo, of the views in `train`; absent where no masks were found
+    ground: Mesh | None  # a square of what the object stands on, facing up; absent where masks took none away
 
 
-@node("mask.auto", version="3", libraries=_STEREO)
+@node("mask.auto", version="4", libraries=_STEREO)
 def auto(ctx: Context, views: Train, points: PointCloud | None = None, *, p: AutoParams) -> AutoOut:
     """Masks for photographs that have none, where an object stands apart, and a check of them.
 
@@ -135,14 +136,14 @@ def auto(ctx: Context, views: Train, points: PointCloud | None = None, *, p: Aut
     """
     from exmesh_graph.masks.decide import given_row, off_row
 
-    depths = None
+    depths = ground = None
     if views.has_masks:
         train, rows = views, [given_row(int(views.masked.sum()), len(views))]
     elif not p.find:
         train, rows = views, [off_row()]
     else:
         seen = _stereo(ctx, views, points, p.reach, p.side, p.threads)
-        train, rows = _found(ctx, views, seen, p)
+        train, rows, ground = _found(ctx, views, seen, p)
         if train.has_masks:  # without, a start is better looked for inside the sphere alone
             depths = DepthMaps(train.names, seen.depth[[views.names.index(name) for name in train.names]])
     for row in rows:
@@ -151,11 +152,11 @@ def auto(ctx: Context, views: Train, points: PointCloud | None = None, *, p: Aut
             ctx.warn(told)
         else:
             ctx.log(told)
-    return AutoOut(train, Metrics({"decisions": rows}), depths)
+    return AutoOut(train, Metrics({"decisions": rows}), depths, ground)
 
 
-def _found(ctx: Context, views: Views, depths: DepthMaps, p: AutoParams) -> tuple[Views, list[dict]]:
-    """(views with masks, or as they came; what was decided)."""
+def _found(ctx: Context, views: Views, depths: DepthMaps, p: AutoParams) -> tuple[Views, list[dict], Mesh | None]:
+    """(views with masks, or as they came; what was decided; the table that these masks took away)."""
     from exmesh_graph.errors import DataError, GeometryError
     from exmesh_graph.gpu.torch_setup import sharing
     from exmesh_graph.masks.agreement import agreed_masks
@@ -167,17 +168,18 @@ def _found(ctx: Context, views: Views, depths: DepthMaps, p: AutoParams) -> tupl
         try:
             found = object_of_depths(views, depths, p, side=p.side, seed=ctx.seed)
         except (DataError, GeometryError) as error:  # told below, with what to do; a fault of ours is neither
-            return views, [none_row(str(error).splitlines()[0], {})]
+            return views, [none_row(str(error).splitlines()[0], {})], None
         rows = [table_row(found)]
         if found.apart < p.least_apart:
             fault = (
                 f"most views show {found.apart:.0%} of the surface that stands amidst them, the rest goes on beyond "
                 f"their pictures (least_apart {p.least_apart:g})"
             )
-            return views, [none_row(fault, {"apart": found.apart}), *rows]
+            return views, [none_row(fault, {"apart": found.apart}), *rows], None
         table = Table(found.table, depths) if found.removed and found.table is not None else None
         agreement = agreed_masks(views, found.vertices, found.faces, p, p, table=table, progress=ctx.progress)
     if agreement.fault:
-        return views, [none_row(agreement.fault, agreement.figures), *rows]
+        return views, [none_row(agreement.fault, agreement.figures), *rows], None
     train = _masked(ctx, views, agreement.masks)
-    return train, [found_row(agreement, len(views) - len(train)), *rows]
+    square = None if table is None else Mesh(*table.plane.square(found.vertices))
+    return train, [found_row(agreement, len(views) - len(train)), *rows], square

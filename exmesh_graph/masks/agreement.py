@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from exmesh_graph.errors import DataError, GeometryError
+from exmesh_graph.geometry.grounded import Grounded
 from exmesh_graph.geometry.hull import SilhouetteField, reduced_mask, visual_hull
 from exmesh_graph.masks.drawn import drawn_outlines
+from exmesh_graph.masks.edges import on_edges
 from exmesh_graph.masks.ground import Table
 from exmesh_graph.masks.grown import maybe_shown
 from exmesh_graph.masks.outlines import looked_at, masks_of_surface, table_chance
@@ -20,8 +22,9 @@ _OUTVOTED = 0.05
 _OTHER = 0.7
 _SEEN = 0.001
 _ROOM = 0.2
-_TURNS = 2  # after the first
-_SETTLED = 0.9
+_TURNS = 8  # after the first, at most
+_GROWS = 0.04  # of a mask in a turn
+_WORSE = 0.02  # of `edges.on_edges`
 
 
 @dataclass(frozen=True)
@@ -49,12 +52,14 @@ def agreed_masks(
     table: Table | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Agreement:
-    """Masks of the mesh (vertices [V, 3], faces [F, 3]) by two or three turns, and whether they have a common shape.
+    """Masks of the mesh (vertices [V, 3], faces [F, 3]) by two turns or more, and whether they have a common shape.
 
     The first turn cuts the drawn mesh to the pictures' edges. The next cuts, in half the band, the visual hull of these
     masks and of what beside them the colours of most views take for the object's (`grown`); one view of twenty is
-    outvoted, so that views mend each other. A third turn follows where the second changed much. A mask of the first
-    turn that the hull does not cover is contradicted, and so is one of the last that is another than their own hull.
+    outvoted, so that views mend each other. Further turns follow while masks grow, seven at most, and those
+    masks are taken whose outlines lie best on edges of the pictures (`edges`): growth that has leaked into what lies
+    around does not. A mask of the first turn that the hull does not cover is contradicted, and so is one that is
+    another than their own hull.
     `table` as for `masks_of_surface`.
     """
     turns = (1 + _TURNS) * len(views)
@@ -65,6 +70,8 @@ def agreed_masks(
         return Agreement(first, figures, f"{seen.mean():.0%} of the views show it (least_seen {settings.least_seen:g})")
     finer = cutting.replaced(band=max(1.0, cutting.band / 2))
     kept, near = np.ones(int(seen.sum())), vertices
+    shown, factor = looked_at(views, cutting)[1:]
+    best, chosen = -1.0, first
     try:
         for turn in range(1, 1 + _TURNS):
             hull = _grown(views, seen, masks, near, cutting, table)
@@ -74,9 +81,13 @@ def agreed_masks(
             part = _part(progress, turn * len(views), turns)
             masks = masks_of_surface(views, *hull, finer, table=table, progress=part)
             masks[~seen] = False
-            if np.median(overlap(last[seen], masks[seen])) > _SETTLED:
+            clear = on_edges(shown, np.stack([reduced_mask(mask, factor) >= 0.5 for mask in masks]))
+            if clear > best:
+                best, chosen = clear, masks
+            if clear < best - _WORSE or np.median(1 - covered(last[seen], masks[seen])) < _GROWS:
                 break
-        shape = common_shape(views.subset(np.flatnonzero(seen)), masks[seen], near)
+        masks = chosen
+        shape = common_shape(views.subset(np.flatnonzero(seen)), masks[seen], near, table)
     except (DataError, GeometryError) as error:
         return Agreement(masks, figures, f"its masks have no common shape ({str(error).splitlines()[0]})")
     overlaps = np.minimum(kept, overlap(drawn_outlines(*shape, views)[seen], masks[seen]))
@@ -104,17 +115,22 @@ def _grown(
     reduced = np.stack([reduced_mask(mask, factor) >= 0.5 for mask in masks])
     chance = table_chance(table, small, shown, factor, reduced, near)
     more = maybe_shown(shown[seen], reduced[seen], None if chance is None else chance[seen])
-    return common_shape(small.subset(np.flatnonzero(seen)), more, near)
+    return common_shape(small.subset(np.flatnonzero(seen)), more, near, table)
 
 
-def common_shape(views: Views, masks: np.ndarray, near: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The visual hull (vertices, faces) of bool [N, H, W], one view of twenty outvoted, around points `near` [P, 3].
+def common_shape(
+    views: Views, masks: np.ndarray, near: np.ndarray, table: Table | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """The visual hull (vertices, faces) of bool [N, H, W], one view of twenty outvoted, around points `near` [P, 3] and
+    above the `table`.
 
     Raises DataError where the masks have no common part there.
     """
     wrong = min(max(1, round(_OUTVOTED * len(views))), len(views) - 1)
     cameras = views.intrinsics, views.world_to_camera
     field = SilhouetteField.from_masks(masks, *cameras, wrong_masks=wrong, names=views.names)
+    if table is not None:
+        field = Grounded.above(field, table.plane.normal, table.plane.offset)
     low, high = near.min(axis=0).astype(float), near.max(axis=0).astype(float)
     room = _ROOM * (high - low).max()
     return visual_hull(field, resolution=0, low=low - room, high=high + room)

@@ -3,6 +3,9 @@
 Stereo has no depth where a surface is smooth, glossy or thin, and an outline moves to edges nearby alone: the rim of a
 bowl or a handle stays outside. A pixel may belong to the object where its colour is nearer to the mask's colours than
 to those farther out; one view tells that badly, the hull of all views' guesses well (`agreement.common_shape`).
+
+Farther out is asked twice. The ring just beyond has the background that lies beside the mask. But where half of a white
+pot is missing it is of the pot itself, and its colours tell nothing; a ring far beyond shows the background alone.
 """
 
 from __future__ import annotations
@@ -17,6 +20,8 @@ from exmesh_graph.masks.cut import together
 _REACH = 0.18
 """How far beside a mask is looked, in roots of its area; at least `_LEAST_REACH` pixels."""
 _LEAST_REACH = 8.0
+_RINGS = ((1, 2, 0.0), (3, 6, 0.02))
+"""Where farther out is, from and to so many reaches, and which share of its pixels may be the object's all the same."""
 _RIM = 2
 """Pixels within a mask's border that may be the background's."""
 _LIKELY = 0.6
@@ -42,49 +47,57 @@ def maybe_shown(shown: np.ndarray, masks: np.ndarray, table: np.ndarray | None =
     pool = pool[np.random.default_rng(seed).permutation(len(pool))[:_SAMPLES]]
     found = masks.copy()
     for view, mask in enumerate(masks):
-        beside, around = _rings(mask)
+        beside, rings = _rings(mask)
         places = np.argwhere(beside)
-        far = _colour(labs[view], own[view], pool, around, beside)
-        if far is None:
+        told = [
+            _colour(labs[view], own[view], pool, ring, beside, share)
+            for ring, (_, _, share) in zip(rings, _RINGS, strict=False)
+        ]
+        known = [chances for chances in told if chances is not None]
+        if not known:
             continue
+        far = np.max(known, axis=0)
         chance = far if table is None else together(far, 1 - table[view][beside])
         found[view][tuple(places[chance > _LIKELY].T)] = True
     return found
 
 
-def _rings(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(pixels beside the mask that may be the object's, the ring around these) bool [H, W]."""
+def _rings(mask: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+    """(pixels beside the mask that may be the object's, rings around these) bool [H, W]."""
     if not mask.any():
-        return mask.copy(), mask.copy()
+        return mask.copy(), []
     reach = max(_LEAST_REACH, _REACH * float(np.sqrt(mask.sum())))
     away = distance_transform_edt(~mask)
-    return (away > 0) & (away <= reach), (away > reach) & (away <= 2 * reach + _RIM)
+    rings = [(away > low * reach) & (away <= high * reach + _RIM) for low, high, _ in _RINGS]
+    return (away > 0) & (away <= reach), rings
 
 
 def _colour(
-    lab: np.ndarray, own: np.ndarray, pool: np.ndarray, around: np.ndarray, beside: np.ndarray
+    lab: np.ndarray, own: np.ndarray, pool: np.ndarray, around: np.ndarray, beside: np.ndarray, share: float = 0.0
 ) -> np.ndarray | None:
     """float64 [P], for the pixels `beside`: 1 where the colour is the object's, 0 where it is that of what is `around`.
 
-    Colours that both have are no sign of the object. None where there is nothing to compare with.
+    Colours that both have are no sign of the object, but for those of a `share` of the ring. None where there is nothing to compare with.
     """
     if not (beside.any() and around.any() and own.any()):
         return None
-    out = cKDTree(_some(lab[around]))
-    here, elsewhere = (_some(part)[_off(out, _some(part)) > _FOREIGN] for part in (lab[own], pool))
+    count = min(int(around.sum()), int(own.sum()))  # alike for both: of more samples one is nearer by chance
+    out = cKDTree(_some(lab[around], count))
+    few = max(_NEAREST, round(share * out.n))
+    here, elsewhere = (part[_off(out, part, few) > _FOREIGN] for part in (_some(lab[own], count), _some(pool, count)))
     if len(here) < _FEWEST or len(elsewhere) < _FEWEST:
         return None
     colours = lab[beside]
     near = np.minimum(_off(cKDTree(here), colours), _off(cKDTree(elsewhere), colours) + _ELSEWHERE)
-    far = _off(out, colours)
+    far = _off(out, colours, few)
     return (far + 1e-2) / (near + far + 2e-2)
 
 
-def _some(colours: np.ndarray) -> np.ndarray:
-    return colours[:: max(1, len(colours) // _SAMPLES)]
+def _some(colours: np.ndarray, count: int) -> np.ndarray:
+    return colours[:: max(1, -(-len(colours) // min(count, _SAMPLES)))]
 
 
-def _off(tree: cKDTree, colours: np.ndarray) -> np.ndarray:
+def _off(tree: cKDTree, colours: np.ndarray, count: int = _NEAREST) -> np.ndarray:
     """float64 [P]: mean distance to the nearest colours of the tree."""
-    count = min(_NEAREST, tree.n)
+    count = min(count, tree.n)
     return tree.query(colours, k=count)[0].reshape(len(colours), -1).mean(axis=1)

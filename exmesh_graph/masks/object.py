@@ -14,6 +14,7 @@ import numpy as np
 from scipy.ndimage import binary_closing, label, uniform_filter
 
 from exmesh_graph.geometry.clean import largest_components
+from exmesh_graph.geometry.grounded import Grounded
 from exmesh_graph.geometry.hull import SilhouetteField, visual_hull
 from exmesh_graph.geometry.settings import TsdfSettings
 from exmesh_graph.geometry.tsdf import fuse
@@ -104,22 +105,8 @@ def _closed(
     seen = outlines.any(axis=(1, 2))
     field = SilhouetteField.from_masks(outlines[seen], views.intrinsics[seen], views.world_to_camera[seen])
     if table is not None:
-        field = _Grounded(
-            field.distances, field.intrinsics, field.world_to_camera, field.wrong_masks, table.normal, table.offset
-        )
+        field = Grounded.above(field, table.normal, table.offset)
     return largest_components(*visual_hull(field, resolution=0), 0, least)
-
-
-@dataclass(frozen=True)
-class _Grounded(SilhouetteField):
-    """The hull's field above a plane: normal [3] and offset as in Plane."""
-
-    normal: np.ndarray | None = None
-    offset: float = 0.0
-
-    def __call__(self, points: np.ndarray, floor: float = -np.inf) -> np.ndarray:
-        height = (points @ np.asarray(self.normal) - self.offset).astype(np.float32)
-        return np.minimum(super().__call__(points, floor), height)
 
 
 def _filled(outline: np.ndarray) -> np.ndarray:

@@ -36,6 +36,16 @@ class Plane:
         """Signed distance [P] of points [P, 3] above the plane."""
         return points @ self.normal - self.offset
 
+    def square(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(vertices float32 [4, 3], faces int32 [2, 3]) of a square of the plane below `points` [P, 3], facing up."""
+        side = np.linalg.svd(self.normal[None])[2][1:]
+        side[1] *= np.sign(np.cross(*side) @ self.normal)
+        flat = np.asarray(points, np.float64) @ side.T
+        low, high = flat.min(axis=0), flat.max(axis=0)
+        corners = (low + high) / 2 + (high - low).max() / 2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        vertices = self.offset * self.normal + corners @ side
+        return vertices.astype(np.float32), np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+
     @property
     def is_table(self) -> bool:
         """Whether it goes on beside what stands on it."""

@@ -26,6 +26,18 @@ def test_the_rest_of_a_square_is_found_and_its_ground_is_not():
     assert (more & ~true).sum() < 0.02 * true.sum()
 
 
+def test_a_square_of_which_most_is_missing_grows_by_a_ring_far_beyond():
+    rng = np.random.default_rng(4)
+    true = np.zeros((1, 128, 128), bool)
+    true[:, 20:100, 20:100] = True
+    colours = np.where(true[..., None], (0.8, 0.7, 0.6), (0.2, 0.3, 0.4)) + rng.normal(0, 0.02, (1, 128, 128, 3))
+    part = true.copy()
+    part[:, :, 60:] = False  # the ring just beyond what is grown shows the square as well
+    more = maybe_shown(colours.clip(0, 1).astype(np.float32), part)
+    assert more[:, 30:90, 60:68].mean() > 0.5  # one view's guess has holes, which the hull of all fills
+    assert (more & ~true).sum() < 0.02 * part.sum()
+
+
 def test_a_ground_of_the_same_colour_says_nothing():
     shown, true = picture(np.random.default_rng(1), thing=(0.2, 0.3, 0.7))
     part = true.copy()
@@ -59,14 +71,15 @@ def test_chances_against_distances_written_out(seed):
     part = true.copy()
     part[:, :, 27:] = False
     lab = np.stack([rgb2lab(one) for one in shown]).astype(np.float32)
-    beside, around = grown._rings(part[0])
+    beside, (around, _) = grown._rings(part[0])
     own = grown.binary_erosion(part[0], iterations=2)
 
     def off(there, colour):
         return np.sort(np.linalg.norm(there.astype(float) - colour, axis=1))[:5].mean()
 
-    out = lab[0][around]
-    here = np.stack([one for one in lab[0][own] if off(out, one) > 3])
+    count = min(around.sum(), own.sum())
+    out, mine = (part[:: max(1, -(-len(part) // count))] for part in (lab[0][around], lab[0][own]))
+    here = np.stack([one for one in mine if off(out, one) > 3])
     expected = []
     for colour in lab[0][beside]:
         near, far = off(here, colour), off(out, colour)

@@ -1,0 +1,62 @@
+"""The hull above a plane: by kernels and in numpy, and from a flat mesh."""
+
+import numpy as np
+import pytest
+
+from exmesh_graph.geometry.grounded import Grounded
+from exmesh_graph.geometry.hull import SilhouetteField, visual_hull
+from exmesh_graph.masks.plane import Plane
+from exmesh_graph.types import Mesh
+
+
+def ball_from_above() -> SilhouetteField:
+    """A ball of radius 0.4 as six cameras see it that look down on it: its hull has a point below."""
+    size, focal = 64, 80.0
+    poses = []
+    for angle in np.linspace(0, 2 * np.pi, 6, endpoint=False):
+        back = np.array([np.cos(angle), 1.2, np.sin(angle)]) / np.sqrt(2.44)
+        right = np.cross([0.0, 1, 0], back)
+        right /= np.linalg.norm(right)
+        pose = np.eye(4)
+        pose[:3] = np.column_stack([right, -np.cross(back, right), -back, 3 * back])
+        poses.append(pose)
+    k = np.array([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1]])
+    x, y = np.meshgrid(np.arange(size) + 0.5 - size / 2, np.arange(size) + 0.5 - size / 2)
+    seen = np.hypot(x, y) < focal * 0.4 / np.sqrt(9 - 0.16)
+    masks = np.repeat(seen[None].astype(np.float32), 6, axis=0)
+    return SilhouetteField.from_masks(masks, np.stack([k] * 6), np.linalg.inv(np.stack(poses)))
+
+
+def test_what_cameras_from_above_leave_open_ends_at_the_plane():
+    field = ball_from_above()
+    plane = Plane(np.array([0.0, 1, 0]), -0.4, 1.0)
+    free, _ = visual_hull(field, resolution=48)
+    assert free[:, 1].min() < -0.5
+    for cut in (
+        Grounded.above(field, plane.normal, plane.offset),
+        Grounded.on(field, Mesh(*plane.square(free))),
+    ):
+        vertices, _ = visual_hull(cut, resolution=48)
+        assert vertices[:, 1].min() == pytest.approx(-0.4, abs=0.01)
+        assert vertices[:, 1].max() == pytest.approx(free[:, 1].max(), abs=0.02)
+
+
+def test_kernels_give_what_numpy_gives():
+    field = ball_from_above()
+    normal = np.array([0.3, 0.9, -0.2]) / np.linalg.norm([0.3, 0.9, -0.2])
+    cut = Grounded.above(field, normal, -0.1)
+    points = np.random.default_rng(0).uniform(-0.6, 0.6, (500, 3))
+    np.testing.assert_allclose(cut(points), cut.plain(points), atol=1e-4)
+    np.testing.assert_allclose(cut(points), np.minimum(field(points), points @ normal + 0.1), atol=1e-6)
+
+
+def test_a_square_lies_in_its_plane_below_the_points_and_faces_up():
+    normal = np.array([0.1, 0.9, 0.4]) / np.linalg.norm([0.1, 0.9, 0.4])
+    points = np.random.default_rng(1).normal(0, 0.3, (100, 3))
+    vertices, faces = Plane(normal, -0.7, 1.0).square(points)
+    np.testing.assert_allclose(vertices @ normal, -0.7, atol=1e-6)
+    a, b, c = vertices[faces].swapaxes(0, 1)
+    across = np.cross(b - a, c - a)
+    np.testing.assert_allclose(across / np.linalg.norm(across, axis=1, keepdims=True), [normal] * 2, atol=1e-5)
+    flat = points - np.outer(points @ normal + 0.7, normal)
+    assert np.linalg.norm(flat - vertices.mean(0), axis=1).max() < np.linalg.norm(vertices[0] - vertices.mean(0))
