@@ -2,6 +2,8 @@
 
     python -m benchmarks.scenes.photographs duck --out graphs/samples/photos --worlds bpy-5.0.1-[...].whl
 
+    python -m benchmarks.scenes.photographs teapot --table lacquer --light interior --out FOLDER/teapot --worlds FOLDER
+
 `images/*.jpg` are what data.photos takes; `truth/` holds the object's mesh and the cameras for tests. CC0.
 """
 
@@ -9,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +20,11 @@ from benchmarks.scenes import files, lights
 from benchmarks.scenes.cameras import FIELD, spiral
 from benchmarks.scenes.catalogue import RECIPES
 from benchmarks.scenes.kinds import Recipe
+from benchmarks.scenes.lights import WORLDS
 from benchmarks.scenes.make import levelled
 from benchmarks.scenes.model import Model, assemble, encode
 from benchmarks.scenes.render import Stage
+from benchmarks.scenes.tabletop import TOPS, on_table
 
 #: Pixels, one photograph in `TURNED` upright; radial distortion of the lens.
 WIDTH, HEIGHT, TURNED = 720, 540, 7
@@ -32,6 +37,10 @@ QUALITY, SAMPLES, TEXELS, TRUE_FACES = 88, 36, 2048, 8000
 def main() -> None:
     options = arguments()
     recipe, out = RECIPES[options.scene], options.out
+    if options.table:
+        recipe = on_table(recipe, options.table, options.light)
+    if not recipe.ground:
+        sys.exit(f"{options.scene} stands on nothing: --table {' | '.join(TOPS)}")
     for place in ("images", "truth"):
         (out / place).mkdir(parents=True, exist_ok=True)
     model = assemble(list(recipe.solids()), recipe.paint, TEXELS, recipe.ground)
@@ -48,7 +57,9 @@ def main() -> None:
         path = out / "images" / f"IMG_{1001 + k}.jpg"
         if not path.is_file():
             held = pose @ rolled() if upright else pose  # a camera that is held upright is turned by a quarter
-            seen = stage.picture(stage.lit("train", light), held, side(), SAMPLES, recipe.seed * 10_000 + k)[..., :3]
+            seen = stage.picture(stage.lit("train", light), held, side(), options.samples, recipe.seed * 10_000 + k)[
+                ..., :3
+            ]
             _write(path, photographed(seen * gain, noise), upright)
             print(path, flush=True)
     _truth(out / "truth", model, cameras, recipe)
@@ -122,7 +133,10 @@ def _truth(folder: Path, model: Model, cameras: dict[str, list], recipe: Recipe)
 
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scene", choices=[name for name, recipe in RECIPES.items() if recipe.ground])
+    parser.add_argument("scene", choices=list(RECIPES))
+    parser.add_argument("--table", choices=list(TOPS), default="", help="stand it on one, seen from above")
+    parser.add_argument("--light", choices=WORLDS, default="", help="with --table, instead of the scene's own")
+    parser.add_argument("--samples", type=int, default=SAMPLES, help="rays of a pixel")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--worlds", type=Path, required=True, help="wheel of bpy 5.0.1, or a folder of its worlds")
     parser.add_argument("--count", type=int, default=30)

@@ -74,10 +74,11 @@ class GaussiansNode(Node):
 class GaussiansHistoryNode(Node):
     gaussians: Wire[PlanarGaussians]
     history: Wire[Metrics]
-class TrainDecisionsDepthsNode(Node):
+class TrainDecisionsDepthsGroundNode(Node):
     train: Wire[Views]
     decisions: Wire[Metrics]
     depths: Wire[DepthMaps]
+    ground: Wire[Mesh]
 class ViewsNode(Node):
     views: Wire[Views]
 class StateNode(Node):
@@ -433,7 +434,7 @@ class _Gallery(Family):
     def stage1(self, name: str = "", *, carrier: Wire[Carrier] | Node, scored: Wire[ScoredViews] | Node, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> GalleryNode:
         """The views that evaluate.stage1 scored, geometry, texture, a model to turn."""
 class _Init(Family):
-    def auto(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, depths: Wire[DepthMaps] | Node | None = None, stereo: Wire[DepthMaps] | Node | None = None, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", method: Literal["auto", "hull", "tsdf", "stereo", "pgsr", "sphere"] | Parameter = "auto", seconds: float | Parameter = 300.0, iterations: int | Parameter = 0, side: int | Parameter = 400, count: int | Parameter = 20000, resolution: int | Parameter = 0, faces: int | Parameter = 5000, edge: float | Parameter = 0.0, tolerance: float | Parameter = 0.02, close_holes: int | Parameter = 60, wrong_masks: int | Parameter = 0, table: Literal["auto", "remove", "keep"] | Parameter = "auto", openings: bool | Parameter = True, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MeshDecisionsNode:
+    def auto(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, depths: Wire[DepthMaps] | Node | None = None, stereo: Wire[DepthMaps] | Node | None = None, ground: Wire[Mesh] | Node | None = None, threads: int | Parameter = 0, device: Literal["auto", "cpu", "cuda"] | Parameter = "auto", method: Literal["auto", "hull", "tsdf", "stereo", "pgsr", "sphere"] | Parameter = "auto", seconds: float | Parameter = 300.0, iterations: int | Parameter = 0, side: int | Parameter = 400, count: int | Parameter = 20000, resolution: int | Parameter = 0, faces: int | Parameter = 5000, edge: float | Parameter = 0.0, tolerance: float | Parameter = 0.02, close_holes: int | Parameter = 60, wrong_masks: int | Parameter = 0, table: Literal["auto", "remove", "keep"] | Parameter = "auto", openings: bool | Parameter = True, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MeshDecisionsNode:
         """A coarse mesh by what there is: the hull of masks, carved by stereo; without masks the depth of stereo, fused.
 
         threads: CPU cores that kernels share; 0 takes all of this process. [>= 0]
@@ -561,7 +562,7 @@ class _Init(Family):
         smooth: Taubin smoothing steps (no shrinking) after marching cubes. [steps, >= 0, <= 200]
         """
 class _Mask(Family):
-    def auto(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, least_overlap: float | Parameter = 0.85, least_apart: float | Parameter = 0.8, least_seen: float | Parameter = 0.6, most_contradicted: float | Parameter = 0.2, table: Literal["auto", "remove", "keep"] | Parameter = "auto", resolution: int | Parameter = 128, reach: float | Parameter = 1.3, least_part: float | Parameter = 0.05, least_structure: float | Parameter = 0.006, side: int | Parameter = 400, band: float | Parameter = 8.0, smoothness: float | Parameter = 2.0, threads: int | Parameter = 0, find: bool | Parameter = True, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> TrainDecisionsDepthsNode:
+    def auto(self, name: str = "", *, views: Wire[Views] | Node, points: Wire[PointCloud] | Node | None = None, least_overlap: float | Parameter = 0.85, least_apart: float | Parameter = 0.8, least_seen: float | Parameter = 0.6, most_contradicted: float | Parameter = 0.2, table: Literal["auto", "remove", "keep"] | Parameter = "auto", resolution: int | Parameter = 128, reach: float | Parameter = 1.3, least_part: float | Parameter = 0.05, least_structure: float | Parameter = 0.006, side: int | Parameter = 400, band: float | Parameter = 8.0, smoothness: float | Parameter = 2.0, threads: int | Parameter = 0, find: bool | Parameter = True, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> TrainDecisionsDepthsGroundNode:
         """Masks for photographs that have none, where an object stands apart, and a check of them.
 
         least_overlap: Median over the views of masks and their common shape, drawn back: intersection over union, or the part of the first masks that it covers, whichever is less. [>= 0, <= 1]

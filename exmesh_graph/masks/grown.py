@@ -77,7 +77,8 @@ def _colour(
 ) -> np.ndarray | None:
     """float64 [P], for the pixels `beside`: 1 where the colour is the object's, 0 where it is that of what is `around`.
 
-    Colours that both have are no sign of the object, but for those of a `share` of the ring. None where there is nothing to compare with.
+    Colours that both have are no sign of the object, but for those of a `share` of the ring. None where there is
+    nothing to compare with.
     """
     if not (beside.any() and around.any() and own.any()):
         return None

@@ -7,7 +7,7 @@ in the air. What is left of them is drawn into each view; the visual hull of the
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
