@@ -1,6 +1,6 @@
 """The sample of photographs (graphs/samples/photos) against its truth: cameras and surface.
 
-    exmesh run graphs/photos.yaml && python -m benchmarks.photo_sample [--run runs/latest] [--steps]
+    exmesh run graphs/photos.yaml && python -m benchmarks.photo_sample [--run runs/latest] [--sample FOLDER] [--steps]
 
 --steps follows the surface: the coarse start, after each round, the end of Stage I, the asset. `inside` is how far it
 lies inside the true one on average, `pits` what 95 % of it are nearer than.
@@ -38,16 +38,17 @@ _SURFACE = ("chamfer", "accuracy", "completeness", "inside", "pits")
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--run", type=Path, default=Path("runs/latest"))
+    parser.add_argument("--sample", type=Path, default=SAMPLE, help="of benchmarks.scenes.photographs")
     parser.add_argument("--steps", action="store_true", help="figures of the start, each round, the end and the asset")
     options = parser.parse_args()
     run = ex.open_run(options.run)
     if not options.steps:
-        for name, value in against_truth(run).items():
+        for name, value in against_truth(run, options.sample).items():
             print(f"{name:22} {value:.3g}")
         return
     print(f"{'':10} {'faces':>7} " + " ".join(f"{name:>12}" for name in _SURFACE))
     for name, mesh in steps(run):
-        figures = against_truth(run, mesh=mesh)
+        figures = against_truth(run, options.sample, mesh)
         print(f"{name:10} {len(mesh.faces):7d} " + " ".join(f"{figures[one]:12.2f}" for one in _SURFACE), flush=True)
 
 

@@ -22,9 +22,10 @@ _OUTVOTED = 0.05
 _OTHER = 0.7
 _SEEN = 0.001
 _ROOM = 0.2
-_TURNS = 8  # after the first, at most
+_TURNS = 10  # after the first, at most
 _GROWS = 0.04  # of a mask in a turn
-_WORSE = 0.02  # of `edges.on_edges`
+_WORSE, _WELL = 0.02, 0.9  # of `edges.on_edges`: leaked, and good enough
+_SHARES = 0.02, 0.05  # of what lies far beside a mask, which may be the object's
 
 
 @dataclass(frozen=True)
@@ -56,40 +57,23 @@ def agreed_masks(
 
     The first turn cuts the drawn mesh to the pictures' edges. The next cuts, in half the band, the visual hull of these
     masks and of what beside them the colours of most views take for the object's (`grown`); one view of twenty is
-    outvoted, so that views mend each other. Further turns follow while masks grow, seven at most, and those
-    masks are taken whose outlines lie best on edges of the pictures (`edges`): growth that has leaked into what lies
-    around does not. A mask of the first turn that the hull does not cover is contradicted, and so is one that is
-    another than their own hull.
-    `table` as for `masks_of_surface`.
+    outvoted, so that views mend each other. Further turns follow while masks grow, and those masks are taken whose
+    outlines lie best on edges of the pictures (`edges`), as those that have leaked into what lies around do not. Where
+    masks no longer grow and much of their outlines lies on no edge, colours that are a little of what lies around count
+    as well. A mask of the first turn that the hull does not cover is contradicted, and so is one that is another than
+    their own hull. `table` as for `masks_of_surface`.
     """
     turns = (1 + _TURNS) * len(views)
-    masks = first = masks_of_surface(views, vertices, faces, cutting, table=table, progress=_part(progress, 0, turns))
+    first = masks_of_surface(views, vertices, faces, cutting, table=table, progress=_part(progress, 0, turns))
     seen = first.mean(axis=(1, 2)) >= _SEEN
     figures = {"seen": float(seen.mean()), "overlap": 0.0, "contradicted": 0.0}
     if seen.mean() < settings.least_seen or seen.sum() < 2:
         return Agreement(first, figures, f"{seen.mean():.0%} of the views show it (least_seen {settings.least_seen:g})")
-    finer = cutting.replaced(band=max(1.0, cutting.band / 2))
-    kept, near = np.ones(int(seen.sum())), vertices
-    shown, factor = looked_at(views, cutting)[1:]
-    best, chosen = -1.0, first
     try:
-        for turn in range(1, 1 + _TURNS):
-            hull = _grown(views, seen, masks, near, cutting, table)
-            near = np.concatenate([vertices, hull[0]])
-            kept = np.minimum(kept, covered(drawn_outlines(*hull, views)[seen], first[seen]))
-            last = masks
-            part = _part(progress, turn * len(views), turns)
-            masks = masks_of_surface(views, *hull, finer, table=table, progress=part)
-            masks[~seen] = False
-            clear = on_edges(shown, np.stack([reduced_mask(mask, factor) >= 0.5 for mask in masks]))
-            if clear > best:
-                best, chosen = clear, masks
-            if clear < best - _WORSE or np.median(1 - covered(last[seen], masks[seen])) < _GROWS:
-                break
-        masks = chosen
+        masks, kept, near = _mended(views, vertices, first, seen, cutting, table, progress)
         shape = common_shape(views.subset(np.flatnonzero(seen)), masks[seen], near, table)
     except (DataError, GeometryError) as error:
-        return Agreement(masks, figures, f"its masks have no common shape ({str(error).splitlines()[0]})")
+        return Agreement(first, figures, f"its masks have no common shape ({str(error).splitlines()[0]})")
     overlaps = np.minimum(kept, overlap(drawn_outlines(*shape, views)[seen], masks[seen]))
     figures["overlap"], figures["contradicted"] = float(np.median(overlaps)), float((overlaps < _OTHER).mean())
     if figures["overlap"] < settings.least_overlap:
@@ -101,6 +85,40 @@ def agreed_masks(
     return Agreement(masks, figures, "")
 
 
+def _mended(
+    views: Views,
+    vertices: np.ndarray,
+    first: np.ndarray,
+    seen: np.ndarray,
+    cutting: CutSettings,
+    table: Table | None,
+    progress: Callable[[int, int], None] | None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(the masks of the turn whose outlines lie best on edges; of each mask of the `first` turn that is `seen`, the
+    least that a later turn's hull covers; points around the last hull)."""
+    finer = cutting.replaced(band=max(1.0, cutting.band / 2))
+    shown, factor = looked_at(views, cutting)[1:]
+    masks, kept, near = first, np.ones(int(seen.sum())), vertices
+    best, chosen, shares = -1.0, first, list(_SHARES)
+    for turn in range(1, 1 + _TURNS):
+        hull = _grown(views, seen, masks, near, cutting, table, shares[0])
+        near = np.concatenate([vertices, hull[0]])
+        kept = np.minimum(kept, covered(drawn_outlines(*hull, views)[seen], first[seen]))
+        last, part = masks, _part(progress, turn * len(views), (1 + _TURNS) * len(views))
+        masks = masks_of_surface(views, *hull, finer, table=table, progress=part)
+        masks[~seen] = False
+        clear = on_edges(shown, np.stack([reduced_mask(mask, factor) >= 0.5 for mask in masks]))
+        if clear > best:
+            best, chosen = clear, masks
+        if clear < best - _WORSE:
+            break
+        if np.median(1 - covered(last[seen], masks[seen])) < _GROWS:
+            if best >= _WELL or len(shares) == 1:
+                break
+            shares.pop(0)
+    return chosen, kept, near
+
+
 def _grown(
     views: Views,
     seen: np.ndarray,
@@ -108,13 +126,14 @@ def _grown(
     near: np.ndarray,
     settings: CutSettings,
     table: Table | None,
+    share: float,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The hull (vertices, faces), around points `near` [P, 3], of what the views `seen` bool [N] may show, masks bool
-    [N, H, W] and beside them."""
+    [N, H, W] and beside them, `share` as for `maybe_shown`."""
     small, shown, factor = looked_at(views, settings)
     reduced = np.stack([reduced_mask(mask, factor) >= 0.5 for mask in masks])
     chance = table_chance(table, small, shown, factor, reduced, near)
-    more = maybe_shown(shown[seen], reduced[seen], None if chance is None else chance[seen])
+    more = maybe_shown(shown[seen], reduced[seen], None if chance is None else chance[seen], share)
     return common_shape(small.subset(np.flatnonzero(seen)), more, near, table)
 
 

@@ -20,8 +20,8 @@ from exmesh_graph.masks.cut import together
 _REACH = 0.18
 """How far beside a mask is looked, in roots of its area; at least `_LEAST_REACH` pixels."""
 _LEAST_REACH = 8.0
-_RINGS = ((1, 2, 0.0), (3, 6, 0.02))
-"""Where farther out is, from and to so many reaches, and which share of its pixels may be the object's all the same."""
+_RINGS = ((1, 2), (3, 6))
+"""Where farther out is, from and to so many reaches."""
 _RIM = 2
 """Pixels within a mask's border that may be the background's."""
 _LIKELY = 0.6
@@ -35,11 +35,14 @@ _SAMPLES = 6000
 _FEWEST = 20
 
 
-def maybe_shown(shown: np.ndarray, masks: np.ndarray, table: np.ndarray | None = None, *, seed: int = 0) -> np.ndarray:
+def maybe_shown(
+    shown: np.ndarray, masks: np.ndarray, table: np.ndarray | None = None, share: float = 0.02, *, seed: int = 0
+) -> np.ndarray:
     """bool [N, H, W]: `masks` bool [N, H, W] and what beside them may show the object too.
 
     shown  float32 [N, H, W, 3], the views' display colour in [0, 1]
     table  [N, H, W] in (0, 1): how likely a pixel shows the table, as of `cut.moved_to_edges`
+    share  of the ring far beyond, which may be the object's all the same
     """
     labs = np.stack([rgb2lab(np.clip(picture, 0, 1)).astype(np.float32) for picture in shown])
     own = np.stack([binary_erosion(mask, iterations=_RIM) for mask in masks])
@@ -50,8 +53,8 @@ def maybe_shown(shown: np.ndarray, masks: np.ndarray, table: np.ndarray | None =
         beside, rings = _rings(mask)
         places = np.argwhere(beside)
         told = [
-            _colour(labs[view], own[view], pool, ring, beside, share)
-            for ring, (_, _, share) in zip(rings, _RINGS, strict=False)
+            _colour(labs[view], own[view], pool, ring, beside, few)
+            for ring, few in zip(rings, (0.0, share), strict=False)
         ]
         known = [chances for chances in told if chances is not None]
         if not known:
@@ -68,7 +71,7 @@ def _rings(mask: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
         return mask.copy(), []
     reach = max(_LEAST_REACH, _REACH * float(np.sqrt(mask.sum())))
     away = distance_transform_edt(~mask)
-    rings = [(away > low * reach) & (away <= high * reach + _RIM) for low, high, _ in _RINGS]
+    rings = [(away > low * reach) & (away <= high * reach + _RIM) for low, high in _RINGS]
     return (away > 0) & (away <= reach), rings
 
 
