@@ -38,7 +38,7 @@ def code(path: Path) -> tuple[str, ...]:
 @cache
 def benchmark_options(name: str) -> set[str]:
     """What a module of benchmarks/ hands to argparse; empty where there is no such module."""
-    folder = ROOT / "benchmarks"
+    folder, name = ROOT / "benchmarks", name.replace(".", "/")
     path = folder / name / "__main__.py" if (folder / name).is_dir() else folder / f"{name}.py"
     if not path.is_file():
         return set()
@@ -59,7 +59,7 @@ def exmesh_options() -> dict[str, set[str]]:
 def faults(line: str) -> list[str]:
     """What in a line of code names nothing."""
     found = []
-    for name, rest in re.findall(r"python3? (?:-m benchmarks\.|benchmarks/)(\w+)(?:\.py)?([^;&]*)", line):
+    for name, rest in re.findall(r"python3? (?:-m benchmarks\.|benchmarks/)(\w+(?:\.(?!py\b)\w+)*)(?:\.py)?([^;&]*)", line):
         known = benchmark_options(name)
         found += [f"no benchmarks/{name}"] if not known else []
         found += [f"benchmarks/{name} has no {o}" for o in OPTION.findall(rest) if known and o not in known]
