@@ -59,7 +59,9 @@ def exmesh_options() -> dict[str, set[str]]:
 def faults(line: str) -> list[str]:
     """What in a line of code names nothing."""
     found = []
-    for name, rest in re.findall(r"python3? (?:-m benchmarks\.|benchmarks/)(\w+(?:\.(?!py\b)\w+)*)(?:\.py)?([^;&]*)", line):
+    for name, rest in re.findall(
+        r"python3? (?:-m benchmarks\.|benchmarks/)(\w+(?:\.(?!py\b)\w+)*)(?:\.py)?([^;&]*)", line
+    ):
         known = benchmark_options(name)
         found += [f"no benchmarks/{name}"] if not known else []
         found += [f"benchmarks/{name} has no {o}" for o in OPTION.findall(rest) if known and o not in known]
