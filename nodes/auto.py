@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 Train = Annotated[Views, facets(split="train")]
 _LEAST_PART = 0.002  # of the largest part's area: smaller ones stay where masks need them
+_FOUND_REACH = 1.4  # where masks were found, the world's sphere is a guess from points: a smooth part lies outside
 _LIDS_AT = 96  # voxels along the object: fine enough to see where an opening may be, and how thick its walls are
 _LEAST_BARE_PART = 0.05  # without masks: a part of the object may lie apart from the rest, lumps are small
 
@@ -131,6 +132,8 @@ def auto(
         )  # fmt: skip
     outline = HullSettings(resolution=p.resolution, wrong_masks=p.wrong_masks)
     field = SilhouetteField.of_views(views, p.wrong_masks) if masks and method != "sphere" else None
+    if field is not None and stereo is not None:
+        field = replace(field, reach=_FOUND_REACH)
     if field is not None and ground is not None:
         field = Grounded.on(field, ground)
     solid = _hull_solid(field) if field else None

@@ -71,7 +71,7 @@ def carving(
     """
     settings = settings or TsdfSettings()
     depths.require_of(views, "init.tsdf")
-    low, high = occupied_box(field, np.full(3, -1.05), np.full(3, 1.05))
+    low, high = occupied_box(field, np.full(3, -field.reach), np.full(3, field.reach))
     grid = Grid.over(low, high, settings.resolution or shown_resolution(field, low, high))
     points = grid.points()
     hull = field(points, floor=-3 * grid.step)

@@ -21,7 +21,7 @@ class Grounded(SilhouetteField):
     def above(cls, field: SilhouetteField, normal: np.ndarray, offset: float) -> Grounded:
         """`field` cut off below the plane."""
         return cls(
-            field.distances, field.intrinsics, field.world_to_camera, field.wrong_masks,
+            field.distances, field.intrinsics, field.world_to_camera, field.wrong_masks, field.reach,
             np.asarray(normal, np.float64), offset,
         )  # fmt: skip
 

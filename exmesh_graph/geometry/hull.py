@@ -63,6 +63,7 @@ class SilhouetteField:
     distances        float32 [N, H, W], from `silhouette_distance`, of the part of each mask around its silhouette
     intrinsics       float64 [N, 3, 3], of these parts;  world_to_camera float64 [N, 4, 4], OpenCV
     wrong_masks      number of views that may be outvoted at each point
+    reach            how far from the origin a hull is looked for along every axis, unless a box is given
 
     A point that projects outside a part takes the value of the nearest border pixel, less its distance to the part
     where that pixel is background: the object may go on beyond an edge that its silhouette touches, and only there.
@@ -74,6 +75,7 @@ class SilhouetteField:
     intrinsics: np.ndarray
     world_to_camera: np.ndarray
     wrong_masks: int = 0
+    reach: float = 1.05
 
     @classmethod
     def from_masks(
@@ -292,8 +294,8 @@ def visual_hull(
     field: SilhouetteField,
     *,
     resolution: int,
-    low: Sequence[float] = (-1.05, -1.05, -1.05),
-    high: Sequence[float] = (1.05, 1.05, 1.05),
+    low: Sequence[float] | None = None,
+    high: Sequence[float] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mesh (vertices float32 [V, 3], faces int32 [F, 3]) of the hull: closed, counter-clockwise from outside.
 
@@ -306,16 +308,17 @@ def hull_field(
     field: SilhouetteField,
     *,
     resolution: int,
-    low: Sequence[float] = (-1.05, -1.05, -1.05),
-    high: Sequence[float] = (1.05, 1.05, 1.05),
+    low: Sequence[float] | None = None,
+    high: Sequence[float] | None = None,
 ) -> tuple[np.ndarray, Grid]:
     """The hull's field float32 [I, J, K], positive inside, and its grid.
 
     `resolution` is the number of voxels along the longest side of the object's box, which a coarse pass over
-    [low, high] finds; 0: `shown_resolution`. Only a band around the coarse surface is evaluated finely: the field
+    [low, high] (by default as far as `field.reach`) finds; 0: `shown_resolution`. Only a band around the coarse surface is evaluated finely: the field
     changes by about the distance moved, so two coarse voxels hold every sign change.
     Raises DataError where the silhouettes have nothing in common.
     """
+    low, high = (np.full(3, side * field.reach) if end is None else end for end, side in ((low, -1), (high, 1)))
     box_low, box_high = occupied_box(field, np.asarray(low, float), np.asarray(high, float))
     coarse = Grid.over(box_low, box_high, _COARSE)
     coarse_values = field(coarse.points(), -4 * coarse.step).reshape(coarse.shape)

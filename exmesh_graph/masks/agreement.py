@@ -24,8 +24,8 @@ _SEEN = 0.001
 _ROOM = 0.2
 _TURNS = 10  # after the first, at most
 _GROWS = 0.04  # of a mask in a turn
-_WORSE, _WELL = 0.02, 0.9  # of `edges.on_edges`: leaked, and good enough
-_SHARES = 0.02, 0.05  # of what lies far beside a mask, which may be the object's
+_WORSE, _WELL = 0.02, 0.95  # of `edges.on_edges`: leaked, and good enough
+_SHARES = None, 0.02, 0.05  # of what lies far beside a mask, which may be the object's; None: that is not asked
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def agreed_masks(
     masks and of what beside them the colours of most views take for the object's (`grown`); one view of twenty is
     outvoted, so that views mend each other. Further turns follow while masks grow, and those masks are taken whose
     outlines lie best on edges of the pictures (`edges`), as those that have leaked into what lies around do not. Where
-    masks no longer grow and much of their outlines lies on no edge, colours that are a little of what lies around count
+    masks no longer grow and some of their outlines lies on no edge, colours are compared with what lies far beside them
     as well. A mask of the first turn that the hull does not cover is contradicted, and so is one that is another than
     their own hull. `table` as for `masks_of_surface`.
     """
@@ -126,7 +126,7 @@ def _grown(
     near: np.ndarray,
     settings: CutSettings,
     table: Table | None,
-    share: float,
+    share: float | None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The hull (vertices, faces), around points `near` [P, 3], of what the views `seen` bool [N] may show, masks bool
     [N, H, W] and beside them, `share` as for `maybe_shown`."""

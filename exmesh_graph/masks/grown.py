@@ -36,13 +36,18 @@ _FEWEST = 20
 
 
 def maybe_shown(
-    shown: np.ndarray, masks: np.ndarray, table: np.ndarray | None = None, share: float = 0.02, *, seed: int = 0
+    shown: np.ndarray,
+    masks: np.ndarray,
+    table: np.ndarray | None = None,
+    share: float | None = None,
+    *,
+    seed: int = 0,
 ) -> np.ndarray:
     """bool [N, H, W]: `masks` bool [N, H, W] and what beside them may show the object too.
 
     shown  float32 [N, H, W, 3], the views' display colour in [0, 1]
     table  [N, H, W] in (0, 1): how likely a pixel shows the table, as of `cut.moved_to_edges`
-    share  of the ring far beyond, which may be the object's all the same
+    share  of the ring far beyond, which may be the object's all the same; None: that ring is not asked
     """
     labs = np.stack([rgb2lab(np.clip(picture, 0, 1)).astype(np.float32) for picture in shown])
     own = np.stack([binary_erosion(mask, iterations=_RIM) for mask in masks])
@@ -50,12 +55,11 @@ def maybe_shown(
     pool = pool[np.random.default_rng(seed).permutation(len(pool))[:_SAMPLES]]
     found = masks.copy()
     for view, mask in enumerate(masks):
-        beside, rings = _rings(mask)
+        beside, near, far_off = _rings(mask)
         places = np.argwhere(beside)
-        told = [
-            _colour(labs[view], own[view], pool, ring, beside, few)
-            for ring, few in zip(rings, (0.0, share), strict=False)
-        ]
+        told = [_colour(labs[view], own[view], pool, near, beside)]
+        if share is not None:
+            told.append(_colour(labs[view], own[view], pool, far_off, beside, share))
         known = [chances for chances in told if chances is not None]
         if not known:
             continue
@@ -65,14 +69,14 @@ def maybe_shown(
     return found
 
 
-def _rings(mask: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-    """(pixels beside the mask that may be the object's, rings around these) bool [H, W]."""
+def _rings(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(pixels beside the mask that may be the object's, the ring around these, one far beyond) bool [H, W]."""
     if not mask.any():
-        return mask.copy(), []
+        return mask.copy(), mask.copy(), mask.copy()
     reach = max(_LEAST_REACH, _REACH * float(np.sqrt(mask.sum())))
     away = distance_transform_edt(~mask)
-    rings = [(away > low * reach) & (away <= high * reach + _RIM) for low, high in _RINGS]
-    return (away > 0) & (away <= reach), rings
+    near, far_off = ((away > low * reach) & (away <= high * reach + _RIM) for low, high in _RINGS)
+    return (away > 0) & (away <= reach), near, far_off
 
 
 def _colour(

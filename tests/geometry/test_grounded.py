@@ -1,5 +1,7 @@
 """The hull above a plane: by kernels and in numpy, and from a flat mesh."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -39,6 +41,14 @@ def test_what_cameras_from_above_leave_open_ends_at_the_plane():
         vertices, _ = visual_hull(cut, resolution=48)
         assert vertices[:, 1].min() == pytest.approx(-0.4, abs=0.01)
         assert vertices[:, 1].max() == pytest.approx(free[:, 1].max(), abs=0.02)
+
+
+def test_a_hull_is_looked_for_as_far_as_its_reach():
+    field = ball_from_above()
+    whole = visual_hull(field, resolution=48)[0]
+    near = replace(field, reach=0.3)
+    for cut in (near, Grounded.above(near, np.array([0.0, 1, 0]), -0.4)):
+        assert visual_hull(cut, resolution=48)[0].max() < 0.35 < whole.max()
 
 
 def test_kernels_give_what_numpy_gives():

@@ -34,6 +34,7 @@ def test_a_square_of_which_most_is_missing_grows_by_a_ring_far_beyond():
     part = true.copy()
     part[:, :, 60:] = False  # the ring just beyond what is grown shows the square as well
     shown = colours.clip(0, 1).astype(np.float32)
+    assert (maybe_shown(shown, part) == part).all()
     assert maybe_shown(shown, part, share=0.0)[:, 30:90, 60:68].mean() < 0.1  # the far ring shows some of it
     more = maybe_shown(shown, part, share=0.05)
     assert more[:, 30:90, 60:68].mean() > 0.5  # one view's guess has holes, which the hull of all fills
@@ -73,7 +74,7 @@ def test_chances_against_distances_written_out(seed):
     part = true.copy()
     part[:, :, 27:] = False
     lab = np.stack([rgb2lab(one) for one in shown]).astype(np.float32)
-    beside, (around, _) = grown._rings(part[0])
+    beside, around, _ = grown._rings(part[0])
     own = grown.binary_erosion(part[0], iterations=2)
 
     def off(there, colour):
