@@ -314,12 +314,14 @@ def hull_field(
     """The hull's field float32 [I, J, K], positive inside, and its grid.
 
     `resolution` is the number of voxels along the longest side of the object's box, which a coarse pass over
-    [low, high] (by default as far as `field.reach`) finds; 0: `shown_resolution`. Only a band around the coarse surface is evaluated finely: the field
-    changes by about the distance moved, so two coarse voxels hold every sign change.
+    [low, high] (by default as far as `field.reach`) finds; 0: `shown_resolution`. Only a band around the coarse surface
+    is evaluated finely: the field changes by about the distance moved, so two coarse voxels hold every sign change.
     Raises DataError where the silhouettes have nothing in common.
     """
-    low, high = (np.full(3, side * field.reach) if end is None else end for end, side in ((low, -1), (high, 1)))
-    box_low, box_high = occupied_box(field, np.asarray(low, float), np.asarray(high, float))
+    least, most = (
+        np.full(3, end) if given is None else given for given, end in ((low, -field.reach), (high, field.reach))
+    )
+    box_low, box_high = occupied_box(field, np.asarray(least, float), np.asarray(most, float))
     coarse = Grid.over(box_low, box_high, _COARSE)
     coarse_values = field(coarse.points(), -4 * coarse.step).reshape(coarse.shape)
     grid = Grid.over(box_low, box_high, resolution or shown_resolution(field, box_low, box_high))
