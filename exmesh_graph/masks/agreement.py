@@ -94,28 +94,30 @@ def _mended(
     table: Table | None,
     progress: Callable[[int, int], None] | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(the masks of the turn whose outlines lie best on edges; of each mask of the `first` turn that is `seen`, the
-    least that a later turn's hull covers; points around the last hull)."""
+    """(the masks of the turn whose outlines lie best on edges; of each mask of the `first` turn that is `seen`, how
+    much the hull of that turn covers; points around the last hull)."""
     finer = cutting.replaced(band=max(1.0, cutting.band / 2))
     shown, factor = looked_at(views, cutting)[1:]
     masks, kept, near = first, np.ones(int(seen.sum())), vertices
-    best, chosen, shares = -1.0, first, list(_SHARES)
+    best, here, chosen, shares = -1.0, -1.0, first, list(_SHARES)
     for turn in range(1, 1 + _TURNS):
         hull = _grown(views, seen, masks, near, cutting, table, shares[0])
         near = np.concatenate([vertices, hull[0]])
-        kept = np.minimum(kept, covered(drawn_outlines(*hull, views)[seen], first[seen]))
+        covers = covered(drawn_outlines(*hull, views)[seen], first[seen])
         last, part = masks, _part(progress, turn * len(views), (1 + _TURNS) * len(views))
         masks = masks_of_surface(views, *hull, finer, table=table, progress=part)
         masks[~seen] = False
         clear = on_edges(shown, np.stack([reduced_mask(mask, factor) >= 0.5 for mask in masks]))
         if clear > best:
-            best, chosen = clear, masks
-        if clear < best - _WORSE:
+            best, chosen, kept = clear, masks, covers
+        here = max(here, clear)
+        if clear < here - _WORSE:
             break
         if np.median(1 - covered(last[seen], masks[seen])) < _GROWS:
             if best >= _WELL or len(shares) == 1:
                 break
-            shares.pop(0)
+            if shares.pop(0) is None:  # the other way from the start: what one way has found bends the other
+                masks, near, here = first, vertices, -1.0
     return chosen, kept, near
 
 
