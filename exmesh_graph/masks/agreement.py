@@ -24,7 +24,7 @@ _SEEN = 0.001
 _ROOM = 0.2
 _TURNS = 12  # after the first, at most
 _GROWS = 0.02  # of a mask in a turn
-_WORSE, _WELL = 0.05, 0.95  # of `edges.on_edges`: leaked, and good enough
+_WORSE, _WELL = 0.05, 0.97  # of `edges.on_edges`: leaked, and good enough
 _SHARES = None, 0.02, 0.05  # of what lies far beside a mask, which may be the object's; None: that is not asked
 
 
