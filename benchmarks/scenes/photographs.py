@@ -57,9 +57,8 @@ def main() -> None:
         path = out / "images" / f"IMG_{1001 + k}.jpg"
         if not path.is_file():
             held = pose @ rolled() if upright else pose  # a camera that is held upright is turned by a quarter
-            seen = stage.picture(stage.lit("train", light), held, side(), options.samples, recipe.seed * 10_000 + k)[
-                ..., :3
-            ]
+            lit, draw = stage.lit("train", light), recipe.seed * 10_000 + k
+            seen = stage.picture(lit, held, side(), options.samples, draw)[..., :3]
             _write(path, photographed(seen * gain, noise), upright)
             print(path, flush=True)
     _truth(out / "truth", model, cameras, recipe)

@@ -59,7 +59,7 @@ def agreed_masks(
     masks and of what beside them the colours of most views take for the object's (`grown`); one view of twenty is
     outvoted, so that views mend each other. Further turns follow while masks grow, and those masks are taken whose
     outlines lie best on edges of the pictures (`edges`), as those that have leaked into what lies around do not. Where
-    masks no longer grow and some of their outlines lies on no edge, colours are compared with what lies far beside them
+    masks no longer grow and some of their outlines lie on no edge, colours are compared with what lies far beside them
     as well. A mask of the first turn that the hull does not cover is contradicted, and so is one that is another than
     their own hull. `table` as for `masks_of_surface`.
     """
@@ -101,7 +101,12 @@ def _mended(
     masks, kept, near = first, np.ones(int(seen.sum())), vertices
     best, here, chosen, shares = -1.0, -1.0, first, list(_SHARES)
     for turn in range(1, 1 + _TURNS):
-        hull = _grown(views, seen, masks, near, cutting, table, shares[0])
+        try:
+            hull = _grown(views, seen, masks, near, cutting, table, shares[0])
+        except (DataError, GeometryError):
+            if best < 0:
+                raise
+            break  # what earlier turns found stands
         near = np.concatenate([vertices, hull[0]])
         covers = covered(drawn_outlines(*hull, views)[seen], first[seen])
         last, part = masks, _part(progress, turn * len(views), (1 + _TURNS) * len(views))

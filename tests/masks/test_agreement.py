@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from mask_scenes import overlap_of, scene
 
+from exmesh_graph.errors import DataError
 from exmesh_graph.masks import agreement
 from exmesh_graph.masks.agreement import agreed_masks, common_shape, covered, overlap
 from exmesh_graph.masks.drawn import drawn_outlines
@@ -34,6 +35,25 @@ def test_masks_of_one_ball_agree_and_come_out_at_its_edges(ball):
     assert (found.figures["seen"], found.figures["contradicted"]) == (1.0, 0.0)
     assert min(overlap_of(a, b) for a, b in zip(found.masks, ball.masks, strict=True)) > 0.93
     assert steps == [(k, 104) for k in range(1, 17)]  # further turns are for masks that grow
+
+
+def test_a_turn_that_fails_leaves_what_earlier_ones_found(ball, monkeypatch):
+    vertices, faces = ball.ball
+    low = vertices.copy()
+    low[:, 1] = np.minimum(low[:, 1], 0.1)  # a second turn follows where so much is found
+    grown, turns = agreement._grown, []
+
+    def once(*arguments):
+        turns.append(1)
+        if len(turns) > 1:
+            raise DataError("nothing in common")
+        return grown(*arguments)
+
+    monkeypatch.setattr(agreement, "_grown", once)
+    found = agreed_masks(ball.views, low, faces, CutSettings(band=2), CHECKS)
+    assert (len(turns), found.fault) == (2, "")
+    monkeypatch.setattr(agreement, "_grown", lambda *_: once())
+    assert "no common shape" in agreed_masks(ball.views, low, faces, CutSettings(band=2), CHECKS).fault
 
 
 def test_few_views_that_show_it_are_a_fault(ball, monkeypatch):
