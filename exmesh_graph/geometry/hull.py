@@ -290,6 +290,13 @@ def occupied_box(field: SilhouetteField, low: np.ndarray, high: np.ndarray, reso
     return points[near].min(0) - margin, points[near].max(0) + margin
 
 
+def goes_on(field: SilhouetteField) -> bool:
+    """Whether the hull touches the border of the cube in which it is looked for. Raises as `occupied_box`."""
+    ends = np.full(3, field.reach)
+    low, high = occupied_box(field, -ends, ends)
+    return bool((low < -ends).any() or (high > ends).any())
+
+
 def visual_hull(
     field: SilhouetteField,
     *,

@@ -25,7 +25,7 @@ _ROOM = 0.2
 _TURNS = 12  # after the first, at most
 _GROWS = 0.02  # of a mask in a turn
 _WORSE, _WELL = 0.05, 0.97  # of `edges.on_edges`: leaked, and good enough
-_SHARES = None, 0.02, 0.05  # of what lies far beside a mask, which may be the object's; None: that is not asked
+_PARTS = None, 0.02, 0.05  # of what lies far beside a mask, which may be the object's; None: that is not asked
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Agreement:
 
     masks    bool [N, H, W]; a view that does not show the object has no pixel
     figures  overlap: median of intersection over union of the masks and their common shape, drawn back, or of how
-             much of the first masks it covers, whichever is less; seen, contradicted: shares of the views
+             much of the first masks it covers, whichever is less; seen, contradicted: parts of the views
     fault    the first check that failed, a sentence; empty where all passed
     """
 
@@ -99,10 +99,10 @@ def _mended(
     finer = cutting.replaced(band=max(1.0, cutting.band / 2))
     shown, factor = looked_at(views, cutting)[1:]
     masks, kept, near = first, np.ones(int(seen.sum())), vertices
-    best, here, chosen, shares = -1.0, -1.0, first, list(_SHARES)
+    best, here, chosen, parts = -1.0, -1.0, first, list(_PARTS)
     for turn in range(1, 1 + _TURNS):
         try:
-            hull = _grown(views, seen, masks, near, cutting, table, shares[0])
+            hull = _grown(views, seen, masks, near, cutting, table, parts[0])
         except (DataError, GeometryError):
             if best < 0:
                 raise
@@ -119,9 +119,9 @@ def _mended(
         if clear < here - _WORSE:
             break
         if np.median(1 - covered(last[seen], masks[seen])) < _GROWS:
-            if best >= _WELL or len(shares) == 1:
+            if best >= _WELL or len(parts) == 1:
                 break
-            if shares.pop(0) is None:  # the other way from the start: what one way has found bends the other
+            if parts.pop(0) is None:  # the other way from the start: what one way has found bends the other
                 masks, near, here = first, vertices, -1.0
     return chosen, kept, near
 
@@ -133,14 +133,14 @@ def _grown(
     near: np.ndarray,
     settings: CutSettings,
     table: Table | None,
-    share: float | None,
+    part: float | None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The hull (vertices, faces), around points `near` [P, 3], of what the views `seen` bool [N] may show, masks bool
-    [N, H, W] and beside them, `share` as for `maybe_shown`."""
+    [N, H, W] and beside them, `part` as for `maybe_shown`."""
     small, shown, factor = looked_at(views, settings)
     reduced = np.stack([reduced_mask(mask, factor) >= 0.5 for mask in masks])
     chance = table_chance(table, small, shown, factor, reduced, near)
-    more = maybe_shown(shown[seen], reduced[seen], None if chance is None else chance[seen], share)
+    more = maybe_shown(shown[seen], reduced[seen], None if chance is None else chance[seen], part)
     return common_shape(small.subset(np.flatnonzero(seen)), more, near, table)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import distance_transform_edt, map_coordinates, uniform_filter
 
+from exmesh_graph.gpu.cores import share
 from exmesh_graph.masks.pinhole import pixels_of, rays_of
 from exmesh_graph.types import Views
 
@@ -27,11 +28,12 @@ def explained(views: Views, depth: np.ndarray, pictures: np.ndarray, outlines: n
               the nearest one's
     """
     eyes, cameras = views.camera_to_world[:, :3, 3], views.intrinsics
-    found = np.zeros(outlines.shape, bool)
-    for view, outline in enumerate(outlines):
+
+    def one(view: int) -> np.ndarray:
+        outline = outlines[view]
         deep = _filled(depth[view], outline)
         if deep is None:
-            continue
+            return np.zeros_like(outline)
         rays = rays_of(outline.shape, cameras[view], views.world_to_camera[view])[outline]
         far = deep[outline] / (rays @ views.world_to_camera[view][2, :3])
         points = eyes[view] + far[:, None] * rays
@@ -45,8 +47,9 @@ def explained(views: Views, depth: np.ndarray, pictures: np.ndarray, outlines: n
         off = np.abs(pictures[view][outline] - middle).mean(axis=-1)
         alike = np.zeros(outline.shape, np.float32)
         alike[outline] = (count >= _LEAST) & (off + spread < _COLOUR)
-        found[view] = outline & (uniform_filter(alike, 3, mode="nearest") > 0.5)  # not by chance
-    return found
+        return outline & (uniform_filter(alike, 3, mode="nearest") > 0.5)  # not by chance
+
+    return np.stack(share(one, range(len(outlines))))
 
 
 def robust(colours: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

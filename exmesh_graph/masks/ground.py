@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import binary_dilation, gaussian_filter, map_coordinates
 
+from exmesh_graph.gpu.cores import share
 from exmesh_graph.masks.cut import together
 from exmesh_graph.masks.explained import explained, robust
 from exmesh_graph.masks.pinhole import pixels_of, rays_of
@@ -105,10 +106,7 @@ def table_shown(
     ground = ground_of(plane, views, pictures, usable, vertices)
     if ground is None:
         return None
-    alike = np.stack([
-        ground.alike(pictures[view], outline, views.intrinsics[view], views.world_to_camera[view])
-        for view, outline in enumerate(outlines)
-    ])  # fmt: skip
+    alike = np.stack(share(ground.alike, pictures, outlines, views.intrinsics, views.world_to_camera))
     by_colour = chances(alike, usable & ~outlines, own)
     by_depth = np.where(own, _OWN, np.where(by_colour > 0.5, _FOREIGN, 0.5))
     return together(by_colour, np.where(outlines & np.isfinite(alike), by_depth, 0.5))
@@ -141,14 +139,17 @@ def ground_of(
     origin, across, size = _grid(plane, vertices, views)
     texels = np.moveaxis(np.indices((size, size)), 0, -1).reshape(-1, 2) + 0.5
     points = origin + texels @ across
-    seen = np.full((len(chosen), len(points), 3), np.nan, np.float32)
-    for row, view in enumerate(chosen):
+
+    def shown(view: int) -> np.ndarray:
         place, _ = pixels_of(points, views.intrinsics[view], views.world_to_camera[view])
         free = map_coordinates(usable[view].astype(np.float32), place, order=1, cval=0) > 0.99
+        colours = np.full((len(points), 3), np.nan, np.float32)
         for channel in range(3):
-            part = pictures[view, ..., channel]
-            seen[row, free, channel] = map_coordinates(part, place[:, free], order=1, cval=np.nan)
-    parts = [robust(part) for part in np.array_split(seen, max(1, len(points) // _PART), axis=1)]
+            colours[free, channel] = map_coordinates(pictures[view, ..., channel], place[:, free], order=1, cval=np.nan)
+        return colours
+
+    seen = np.stack(share(shown, chosen))
+    parts = share(robust, np.array_split(seen, max(1, len(points) // _PART), axis=1))
     colour, spread, count = (np.concatenate(part) for part in zip(*parts, strict=True))
     enough = count >= _LEAST
     if not enough.any():

@@ -15,6 +15,7 @@ from scipy.ndimage import binary_erosion, distance_transform_edt
 from scipy.spatial import cKDTree
 from skimage.color import rgb2lab
 
+from exmesh_graph.gpu.cores import share
 from exmesh_graph.masks.cut import together
 
 _REACH = 0.18
@@ -39,7 +40,7 @@ def maybe_shown(
     shown: np.ndarray,
     masks: np.ndarray,
     table: np.ndarray | None = None,
-    share: float | None = None,
+    part: float | None = None,
     *,
     seed: int = 0,
 ) -> np.ndarray:
@@ -47,26 +48,31 @@ def maybe_shown(
 
     shown  float32 [N, H, W, 3], the views' display colour in [0, 1]
     table  [N, H, W] in (0, 1): how likely a pixel shows the table, as of `cut.moved_to_edges`
-    share  of the ring far beyond, which may be the object's all the same; None: that ring is not asked
+    part   of the ring far beyond, which may be the object's all the same; None: that ring is not asked
     """
-    labs = np.stack([rgb2lab(np.clip(picture, 0, 1)).astype(np.float32) for picture in shown])
+    labs = np.stack(share(_lab, shown))
     own = np.stack([binary_erosion(mask, iterations=_RIM) for mask in masks])
     pool = labs[own]
     pool = pool[np.random.default_rng(seed).permutation(len(pool))[:_SAMPLES]]
-    found = masks.copy()
-    for view, mask in enumerate(masks):
-        beside, near, far_off = _rings(mask)
-        places = np.argwhere(beside)
-        told = [_colour(labs[view], own[view], pool, near, beside)]
-        if share is not None:
-            told.append(_colour(labs[view], own[view], pool, far_off, beside, share))
+
+    def one(view: int) -> np.ndarray:
+        lab, found = labs[view], masks[view].copy()
+        beside, near, far_off = _rings(found)
+        told = [_colour(lab, own[view], pool, near, beside)]
+        if part is not None:
+            told.append(_colour(lab, own[view], pool, far_off, beside, part))
         known = [chances for chances in told if chances is not None]
-        if not known:
-            continue
-        far = np.max(known, axis=0)
-        chance = far if table is None else together(far, 1 - table[view][beside])
-        found[view][tuple(places[chance > _LIKELY].T)] = True
-    return found
+        if known:
+            far = np.max(known, axis=0)
+            chance = far if table is None else together(far, 1 - table[view][beside])
+            found[beside] |= chance > _LIKELY
+        return found
+
+    return np.stack(share(one, range(len(masks))))
+
+
+def _lab(picture: np.ndarray) -> np.ndarray:
+    return rgb2lab(np.clip(picture, 0, 1)).astype(np.float32)
 
 
 def _rings(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -80,19 +86,19 @@ def _rings(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _colour(
-    lab: np.ndarray, own: np.ndarray, pool: np.ndarray, around: np.ndarray, beside: np.ndarray, share: float = 0.0
+    lab: np.ndarray, own: np.ndarray, pool: np.ndarray, around: np.ndarray, beside: np.ndarray, part: float = 0.0
 ) -> np.ndarray | None:
     """float64 [P], for the pixels `beside`: 1 where the colour is the object's, 0 where it is that of what is `around`.
 
-    Colours that both have are no sign of the object, but for those of a `share` of the ring. None where there is
+    Colours that both have are no sign of the object, but for those of a `part` of the ring. None where there is
     nothing to compare with.
     """
     if not (beside.any() and around.any() and own.any()):
         return None
     count = min(int(around.sum()), int(own.sum()))  # alike for both: of more samples one is nearer by chance
     out = cKDTree(_some(lab[around], count))
-    few = max(_NEAREST, round(share * out.n))
-    here, elsewhere = (part[_off(out, part, few) > _FOREIGN] for part in (_some(lab[own], count), _some(pool, count)))
+    few = max(_NEAREST, round(part * out.n))
+    here, elsewhere = (some[_off(out, some, few) > _FOREIGN] for some in (_some(lab[own], count), _some(pool, count)))
     if len(here) < _FEWEST or len(elsewhere) < _FEWEST:
         return None
     colours = lab[beside]

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt, zoom
 
+from exmesh_graph.gpu.cores import share
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.train_size import reduced
 from exmesh_graph.masks.cut import moved_to_edges
@@ -42,17 +43,24 @@ def masks_of_surface(
     # an object of few pixels has fine parts: there the band is a part of the picture
     band = settings.band * float(np.clip(max(small.height, small.width) / _SMALL, 0.5, 1))
     likely = table_chance(table, small, shown, factor, outlines, vertices)
-    masks = np.zeros((len(views), views.height, views.width), bool)
-    for view, outline in enumerate(outlines):
+    full = views.height, views.width
+
+    def one(view: int) -> np.ndarray:
         by_table = None if likely is None else likely[view]
-        found = moved_to_edges(shown[view], outline, band, settings.smoothness, by_table)
+        found = moved_to_edges(shown[view], outlines[view], band, settings.smoothness, by_table)
         if factor > 1:
-            large = _enlarged(found, factor, masks.shape[1:])
+            large = _enlarged(found, factor, full)
             found = moved_to_edges(_display(views.images[view]), large, 1.5 * factor, settings.smoothness)
-        masks[view] = found
+        return found
+
+    return np.stack(share(one, _counted(len(views), progress)))
+
+
+def _counted(views: int, progress: Callable[[int, int], None] | None) -> Iterator[int]:
+    for view in range(views):
         if progress is not None:
-            progress(view + 1, len(views))
-    return masks
+            progress(view + 1, views)
+        yield view
 
 
 def looked_at(views: Views, settings: CutSettings) -> tuple[Views, np.ndarray, int]:

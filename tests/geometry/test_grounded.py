@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from exmesh_graph.geometry.grounded import Grounded
-from exmesh_graph.geometry.hull import SilhouetteField, visual_hull
+from exmesh_graph.geometry.hull import SilhouetteField, goes_on, visual_hull
 from exmesh_graph.masks.plane import Plane
 from exmesh_graph.types import Mesh
 
@@ -49,6 +49,10 @@ def test_a_hull_is_looked_for_as_far_as_its_reach():
     near = replace(field, reach=0.3)
     for cut in (near, Grounded.above(near, np.array([0.0, 1, 0]), -0.4)):
         assert visual_hull(cut, resolution=48)[0].max() < 0.35 < whole.max()
+        assert goes_on(cut)
+    assert not goes_on(field)
+    assert goes_on(replace(field, reach=0.62))  # its point below alone
+    assert not goes_on(Grounded.above(replace(field, reach=0.62), np.array([0.0, 1, 0]), -0.4))
 
 
 def test_kernels_give_what_numpy_gives():

@@ -35,8 +35,8 @@ def test_a_square_of_which_most_is_missing_grows_by_a_ring_far_beyond():
     part[:, :, 60:] = False  # the ring just beyond what is grown shows the square as well
     shown = colours.clip(0, 1).astype(np.float32)
     assert (maybe_shown(shown, part) == part).all()
-    assert maybe_shown(shown, part, share=0.0)[:, 30:90, 60:68].mean() < 0.1  # the far ring shows some of it
-    more = maybe_shown(shown, part, share=0.05)
+    assert maybe_shown(shown, part, part=0.0)[:, 30:90, 60:68].mean() < 0.1  # the far ring shows some of it
+    more = maybe_shown(shown, part, part=0.05)
     assert more[:, 30:90, 60:68].mean() > 0.5  # one view's guess has holes, which the hull of all fills
     assert (more & ~true).sum() < 0.02 * part.sum()
 
