@@ -16,15 +16,27 @@ def spiral(count: int, low: float, high: float, phase: float, seed: int) -> list
     found = []
     for k in range(count):
         height = low + (k + 0.5) / count * (high - low)
-        angle = k * math.pi * (3 - math.sqrt(5)) + phase
-        level = math.sqrt(1 - height**2)
-        back = np.array([level * math.cos(angle), level * math.sin(angle), height])
-        right = np.cross([0.0, 0.0, 1.0], back)
-        right /= np.linalg.norm(right)
-        pose = np.eye(4)
-        pose[:3] = np.column_stack([right, np.cross(back, right), back, DISTANCE * rng.uniform(0.97, 1.03) * back])
-        found.append(pose)
+        found.append(_looking(height, k * math.pi * (3 - math.sqrt(5)) + phase, DISTANCE * rng.uniform(0.97, 1.03)))
     return found
+
+
+def rings(count: int, low: float, high: float, rows: int = 2) -> list[np.ndarray]:
+    """As `spiral`, of a camera on a tripod before a turntable: so many even turns, each from one height."""
+    found = []
+    for row, turn in enumerate(np.array_split(np.arange(count), rows)):
+        height = low + (row + 0.5) / rows * (high - low)
+        found += [_looking(height, 2 * math.pi * (k + row / rows) / len(turn), DISTANCE) for k in range(len(turn))]
+    return found
+
+
+def _looking(height: float, angle: float, distance: float) -> np.ndarray:
+    level = math.sqrt(1 - height**2)
+    back = np.array([level * math.cos(angle), level * math.sin(angle), height])
+    right = np.cross([0.0, 0.0, 1.0], back)
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3] = np.column_stack([right, np.cross(back, right), back, distance * back])
+    return pose
 
 
 def rays(pose: np.ndarray, size: int, fine: int = 1) -> np.ndarray:

@@ -3,7 +3,9 @@
     python -m benchmarks.scenes.photographs duck --out graphs/samples/photos --worlds bpy-5.0.1-[...].whl
 
     python -m benchmarks.scenes.photographs teapot --table lacquer --light interior --out FOLDER/teapot --worlds FOLDER
+    python -m benchmarks.scenes.photographs brush --table cloth --turntable --out FOLDER/turned --worlds FOLDER
 
+With `--turntable` the table turns before a camera, lamps and a wall of books that stand still.
 `images/*.jpg` are what data.photos takes; `truth/` holds the object's mesh and the cameras for tests. CC0.
 """
 
@@ -17,14 +19,14 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.scenes import files, lights
-from benchmarks.scenes.cameras import FIELD, spiral
+from benchmarks.scenes.cameras import FIELD, rings, spiral
 from benchmarks.scenes.catalogue import RECIPES
 from benchmarks.scenes.kinds import Recipe
 from benchmarks.scenes.lights import WORLDS
-from benchmarks.scenes.make import levelled
+from benchmarks.scenes.make import levelled, lit, turning
 from benchmarks.scenes.model import Model, assemble, encode
 from benchmarks.scenes.render import Stage
-from benchmarks.scenes.tabletop import TOPS, on_table
+from benchmarks.scenes.tabletop import TOPS, books, on_table
 
 #: Pixels, one photograph in `TURNED` upright; radial distortion of the lens.
 WIDTH, HEIGHT, TURNED = 720, 540, 7
@@ -46,20 +48,25 @@ def main() -> None:
     model = assemble(list(recipe.solids()), recipe.paint, TEXELS, recipe.ground)
     world = lights.world(recipe.light[0], options.worlds, recipe.light[1], 2 * lights.HEIGHT)
     light = levelled(world, recipe.level)
-    poses = spiral(options.count, *recipe.heights, 0.0, recipe.seed)
-    stage, rng = Stage(model, background=True, threads=options.threads), np.random.default_rng(recipe.seed)
+    turned = options.turntable
+    poses = (
+        rings(options.count, *recipe.heights) if turned else spiral(options.count, *recipe.heights, 0.0, recipe.seed)
+    )
+    moving = turning(light, poses, "turntable" if turned else "")
+    stage, rng = Stage(model, background=not turned, threads=options.threads), np.random.default_rng(recipe.seed)
     cameras = {}
     for k, pose in enumerate(poses):
-        upright = k % TURNED == TURNED - 1
+        upright = not turned and k % TURNED == TURNED - 1
         cameras[f"IMG_{1001 + k}.jpg"] = pose.tolist()
         gain = 2 ** np.clip(rng.normal(0, STOPS), -2 * STOPS, 2 * STOPS)
         noise = rng.normal(size=(HEIGHT, WIDTH, 3))
         path = out / "images" / f"IMG_{1001 + k}.jpg"
         if not path.is_file():
             held = pose @ rolled() if upright else pose  # a camera that is held upright is turned by a quarter
-            lit, draw = stage.lit("train", light), recipe.seed * 10_000 + k
-            seen = stage.picture(lit, held, side(), options.samples, draw)[..., :3]
-            _write(path, photographed(seen * gain, noise), upright)
+            seen = stage.picture(lit(stage, moving, k), held, side(), options.samples, recipe.seed * 10_000 + k)
+            if turned:  # the wall is farther away: a camera that is put higher sees other books
+                seen[..., :3] += (1 - seen[..., 3:]) * books(side(), round(1000 * pose[2, 3]))
+            _write(path, photographed(seen[..., :3] * gain, noise), upright)
             print(path, flush=True)
     _truth(out / "truth", model, cameras, recipe)
 
@@ -135,6 +142,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("scene", choices=list(RECIPES))
     parser.add_argument("--table", choices=list(TOPS), default="", help="stand it on one, seen from above")
     parser.add_argument("--light", choices=WORLDS, default="", help="with --table, instead of the scene's own")
+    parser.add_argument("--turntable", action="store_true", help="the object turns; camera, lamps and wall stand still")
     parser.add_argument("--samples", type=int, default=SAMPLES, help="rays of a pixel")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--worlds", type=Path, required=True, help="wheel of bpy 5.0.1, or a folder of its worlds")

@@ -58,6 +58,23 @@ def on_table(recipe: Recipe, top: str, light: str) -> Recipe:
     )
 
 
+def books(side: int, seed: int) -> np.ndarray:
+    """Linear colour float32 [side, side, 3] of a shelf of books, which stands behind a turntable."""
+    rng = np.random.default_rng(seed)
+    seen = np.full((side, side, 3), 0.02, np.float32)
+    row = side // 5
+    for top in range(-rng.integers(row), side, row):
+        left = 0
+        while left < side:
+            width, height = rng.integers(side // 60, side // 22), rng.integers(row * 7 // 10, row - 6)
+            spine = seen[max(0, top + row - 6 - height) : max(0, top + row - 6), left : left + width - 2]
+            spine[:] = rng.uniform(0.02, 0.7) * rng.dirichlet((2, 2, 2))
+            for line in rng.integers(0, max(len(spine), 1), 5):
+                spine[line : line + side // 200, 2:-2] = rng.uniform(0.05, 0.8, 3)
+            left += width
+    return seen
+
+
 def _table() -> Solid:
     return turned(
         "table", [(0, -0.06), (0.97, -0.06)], smooth((0.97, -0.06), (1.0, -0.04), (1.0, -0.02)),

@@ -23,6 +23,7 @@ from exmesh_graph.io.mapping import SEEN_BY, Mapped, map_cameras
 from exmesh_graph.io.normalise import some
 from exmesh_graph.io.pairs import likely_pairs
 from exmesh_graph.io.settings import MotionSettings
+from exmesh_graph.io.still import without_still
 from exmesh_graph.native import import_pycolmap
 
 #: Sightings of points a picture, below which pictures are matched again, and the growth that makes the new ones count.
@@ -179,17 +180,27 @@ def _found(
     verify = colmap.TwoViewGeometryOptions()
     verify.ransac.random_seed, verify.ransac.num_threads = seed, 1
     common = {"matching_options": options, "verification_options": verify, "device": colmap.Device.cpu}
-    if settings.partners and len(names) > MANY:
-        pairs = likely_pairs(colmap, database, settings.partners)
-        tell(f"matching {len(pairs)} of {len(names) * (len(names) - 1) // 2} pairs: those that look alike (`partners`)")
-        listed = work / "pairs.txt"
-        listed.write_text("".join(f"{one} {other}\n" for one, other in pairs), encoding="utf-8")
-        pairing = colmap.ImportedPairingOptions()
-        pairing.match_list_path = listed
-        colmap.match_image_pairs(database, pairing_options=pairing, **common)
-    else:
-        tell(f"matching {len(names) * (len(names) - 1) // 2} pairs")
-        colmap.match_exhaustive(database, **common)
+    every = len(names) * (len(names) - 1) // 2
+
+    def match() -> None:
+        if settings.partners and len(names) > MANY:
+            pairs = likely_pairs(colmap, database, settings.partners)
+            tell(f"matching {len(pairs)} of {every} pairs: those that look alike (`partners`)")
+            listed = work / "pairs.txt"
+            listed.write_text("".join(f"{one} {other}\n" for one, other in pairs), encoding="utf-8")
+            pairing = colmap.ImportedPairingOptions()
+            pairing.match_list_path = listed
+            colmap.match_image_pairs(database, pairing_options=pairing, **common)
+        else:
+            tell(f"matching {every} pairs")
+            colmap.match_exhaustive(database, **common)
+
+    match()
+    if settings.turntable and (share := without_still(colmap, database, seed)):
+        tell(
+            f"{share:.0%} of the features stand still while others move, as behind a turntable: left out (`turntable`)"
+        )
+        match()
     mapped = map_cameras(colmap, database, folder, work, seed, settings.mapping, tell)
     left_out = tuple(name for name in names if mapped is None or name not in mapped.names)
     return motion_of(mapped, left_out, matching)

@@ -174,6 +174,10 @@ class MotionSettings(Params):
         unit="pictures",
         doc="Of more than 80 pictures each is matched with so many that look most alike; 0: all pairs are matched.",
     )
+    turntable: bool = param(
+        True,
+        doc="Where the object turns before a camera on a tripod: leave out the features that stand still.",
+    )
     threads: int = param(1, ge=1, tuning=True, doc="For features and matching; mapping runs on one.")
 
 

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter, map_coordinates
 
+from exmesh_graph.io.still import STILL
+
 _CORNERS = 500
 _THUMB = 24
 _HALF = 5  # of the patch that is aligned
@@ -41,7 +43,19 @@ def match_pairs(pictures: np.ndarray, chosen: Sequence[tuple[int, int]]) -> list
             places, others = _aligned(gray[first], gray[second], places, others)
         if len(places) >= _FEWEST:
             found.append(Pair(first, second, places + 0.5, others + 0.5))
-    return found
+    return _that_move(found, max(pictures[0].shape)) if found else found
+
+
+def _that_move(pairs: list[Pair], side: int) -> list[Pair]:
+    """Without matches at rest where most are: behind a turntable (`io.still`), of whose cameras they do not tell."""
+    moving = [np.linalg.norm(pair.places - pair.others, axis=1) > STILL * side for pair in pairs]
+    if np.median([moved.mean() for moved in moving]) > 0.5:
+        return pairs
+    return [
+        Pair(pair.first, pair.second, pair.places[moved], pair.others[moved])
+        for pair, moved in zip(pairs, moving, strict=True)
+        if moved.sum() >= _FEWEST
+    ]
 
 
 def alike(pictures: np.ndarray, neighbours: int = 1) -> list[tuple[int, int]]:
