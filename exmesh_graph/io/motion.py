@@ -23,7 +23,7 @@ from exmesh_graph.io.mapping import SEEN_BY, Mapped, map_cameras
 from exmesh_graph.io.normalise import some
 from exmesh_graph.io.pairs import likely_pairs
 from exmesh_graph.io.settings import MotionSettings
-from exmesh_graph.io.still import without_still
+from exmesh_graph.io.still import turning_masks
 from exmesh_graph.native import import_pycolmap
 
 #: Sightings of points a picture, below which pictures are matched again, and the growth that makes the new ones count.
@@ -132,84 +132,79 @@ def find_motion(
     MissingLibraryError without pycolmap.
     """
     colmap = import_pycolmap()
-    names = [image.name for image in images]
+    names, folder = [image.name for image in images], images[0].parent
     lenses = {name: Through(None) for name in names} if through is None else through
-    files = _mask_files(masks, work)
     level, colmap.logging.minloglevel = colmap.logging.minloglevel, 3
     try:
 
-        def found(matching: str) -> Motion:
-            (work / matching).mkdir()
-            place = images[0].parent, work / matching
-            return _found(colmap, *place, names, files, settings, lenses, seed, matching, tell)
+        def matched(matching: str, place: str, shown: Path | None) -> Path:
+            (work / place).mkdir()
+            database = work / place / "database.db"
+            colmap.set_random_seed(seed)
+            tell(f"features of {len(names)} pictures ({matching} matching)")
+            _features(colmap, database, folder, names, shown, settings, lenses, affine=matching == "wide")
+            _match(colmap, database, names, settings, seed, matching, tell)
+            return database
 
-        if settings.matching != "auto":
-            motion = found(settings.matching)
-        else:
-            motion = found("plain")
-            if len(names) > 2 and (motion.left_out or motion.sightings < FEW):
-                wide = found("wide")
-                more = wide.sightings >= GROWTH * motion.sightings
-                if len(wide.left_out) < len(motion.left_out) or (more and len(wide.left_out) == len(motion.left_out)):
-                    motion = wide
+        def found(matching: str, database: Path) -> Motion:
+            mapped = map_cameras(colmap, database, folder, database.parent, seed, settings.mapping, tell)
+            left_out = tuple(name for name in names if mapped is None or name not in mapped.names)
+            return motion_of(mapped, left_out, matching)
+
+        first = "plain" if settings.matching == "auto" else settings.matching
+        shown = _mask_files(masks, work / "masks")
+        database = matched(first, first, shown)
+        if settings.turntable and (moving := turning_masks(colmap, database, seed)):
+            share = 1 - np.mean([mask.mean() for mask in moving.values()])
+            tell(
+                f"something turns before {share:.0%} of the pictures that stand still: these are left out (`turntable`)"
+            )
+            shown = _mask_files({name: mask * masks.get(name, 1.0) for name, mask in moving.items()}, work / "moving")
+            database = matched(first, f"{first}_moving", shown)
+        motion = found(first, database)
+        if settings.matching == "auto" and len(names) > 2 and (motion.left_out or motion.sightings < FEW):
+            wide = found("wide", matched("wide", "wide", shown))
+            more = wide.sightings >= GROWTH * motion.sightings
+            if len(wide.left_out) < len(motion.left_out) or (more and len(wide.left_out) == len(motion.left_out)):
+                motion = wide
     finally:
         colmap.logging.minloglevel = level
-    _check_enough(names, motion.left_out, settings, images[0].parent)
+    _check_enough(names, motion.left_out, settings, folder)
     return motion
 
 
-def _found(
+def _match(
     colmap: Any,
-    folder: Path,
-    work: Path,
+    database: Path,
     names: list[str],
-    masks: Path | None,
     settings: MotionSettings,
-    through: Mapping[str, Through],
     seed: int,
     matching: str,
     tell: Callable[[str], None],
-) -> Motion:
-    """Features, matches and cameras in one way, in an empty folder; without cameras where there are none."""
-    colmap.set_random_seed(seed)
-    database = work / "database.db"
-    tell(f"features of {len(names)} pictures ({matching} matching)")
-    _features(colmap, database, folder, names, masks, settings, through, affine=matching == "wide")
+) -> None:
+    """Matches of all pairs of pictures or, of many pictures, of the likely ones, verified pair by pair."""
     options = colmap.FeatureMatchingOptions()
     options.num_threads, options.guided_matching = settings.threads, matching == "wide"
     verify = colmap.TwoViewGeometryOptions()
     verify.ransac.random_seed, verify.ransac.num_threads = seed, 1
     common = {"matching_options": options, "verification_options": verify, "device": colmap.Device.cpu}
     every = len(names) * (len(names) - 1) // 2
-
-    def match() -> None:
-        if settings.partners and len(names) > MANY:
-            pairs = likely_pairs(colmap, database, settings.partners)
-            tell(f"matching {len(pairs)} of {every} pairs: those that look alike (`partners`)")
-            listed = work / "pairs.txt"
-            listed.write_text("".join(f"{one} {other}\n" for one, other in pairs), encoding="utf-8")
-            pairing = colmap.ImportedPairingOptions()
-            pairing.match_list_path = listed
-            colmap.match_image_pairs(database, pairing_options=pairing, **common)
-        else:
-            tell(f"matching {every} pairs")
-            colmap.match_exhaustive(database, **common)
-
-    match()
-    if settings.turntable and (share := without_still(colmap, database, seed)):
-        tell(
-            f"{share:.0%} of the features stand still while others move, as behind a turntable: left out (`turntable`)"
-        )
-        match()
-    mapped = map_cameras(colmap, database, folder, work, seed, settings.mapping, tell)
-    left_out = tuple(name for name in names if mapped is None or name not in mapped.names)
-    return motion_of(mapped, left_out, matching)
+    if settings.partners and len(names) > MANY:
+        pairs = likely_pairs(colmap, database, settings.partners)
+        tell(f"matching {len(pairs)} of {every} pairs: those that look alike (`partners`)")
+        listed = database.parent / "pairs.txt"
+        listed.write_text("".join(f"{one} {other}\n" for one, other in pairs), encoding="utf-8")
+        pairing = colmap.ImportedPairingOptions()
+        pairing.match_list_path = listed
+        colmap.match_image_pairs(database, pairing_options=pairing, **common)
+    else:
+        tell(f"matching {every} pairs")
+        colmap.match_exhaustive(database, **common)
 
 
-def _mask_files(masks: Mapping[str, np.ndarray], work: Path) -> Path | None:
+def _mask_files(masks: Mapping[str, np.ndarray], folder: Path) -> Path | None:
     if not masks:
         return None
-    folder = work / "masks"
     folder.mkdir()
     for name, alpha in masks.items():
         write_image(folder / f"{name}.png", (alpha >= 0.5).astype(np.float32))

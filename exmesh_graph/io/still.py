@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 STILL = 0.002
 """Of a picture's longer side: matches nearer to one another stand still."""
@@ -21,36 +22,38 @@ FEW = 20
 SHARE = 0.5
 """Of the pictures: so many must have still features, and so many be tied to another by what moves."""
 
+AROUND = 10
+"""Features nearest to a pixel that say whether it stands still."""
+_CELL = 4
+"""Pixels on a side of the squares that are told apart."""
+
 Matches = Mapping[tuple[int, int], np.ndarray]
 
 
-def without_still(colmap: Any, database: Path, seed: int = 0) -> float:
-    """Share of the features of COLMAP's database that are taken out of it, with all matches; 0: it is left as it is.
+def turning_masks(colmap: Any, database: Path, seed: int = 0) -> dict[str, np.ndarray]:
+    """By picture's name bool [H, W], what turns before what stands still; empty where nothing does.
 
-    For a database with matches. Where some are taken out, the rest has to be matched again.
+    For COLMAP's database of features and matches, of which it changes nothing. A pixel belongs to what stands still
+    where most of the features nearest to it do: features that match nothing lie among those that do.
     """
     opened = colmap.Database.open(database)
     try:
         images = sorted(opened.read_all_images(), key=lambda image: image.image_id)
-        sides = {image.image_id: _side(opened.read_camera(image.camera_id)) for image in images}
-        keypoints = {number: np.asarray(opened.read_keypoints(number)) for number in sides}
+        sizes = {image.image_id: _size(opened.read_camera(image.camera_id)) for image in images}
+        pixels = {number: np.asarray(opened.read_keypoints(number), np.float64)[:, :2] for number in sizes}
         matches = dict(_matches(colmap, opened))
-        still = still_features({n: k[:, :2] / sides[n] for n, k in keypoints.items()}, matches)
-        if not turning(colmap, {n: k[:, :2] for n, k in keypoints.items()}, matches, still, seed):
-            return 0.0
-        descriptors = {number: opened.read_descriptors(number) for number in sides}
-        for clear in ("keypoints", "descriptors", "matches", "two_view_geometries"):
-            getattr(opened, f"clear_{clear}")()
-        for number, gone in still.items():
-            opened.write_keypoints(number, keypoints[number][~gone])
-            opened.write_descriptors(number, _some(colmap, descriptors[number], ~gone))
     finally:
         opened.close()
-    return float(np.concatenate(list(still.values())).mean())
+    places = {number: found / max(sizes[number]) for number, found in pixels.items()}
+    if not turning(colmap, pixels, matches, still_features(places, matches), seed):
+        return {}
+    rest = still_features(places, matches, 1)
+    return {image.name: _moving(pixels[image.image_id], rest[image.image_id], sizes[image.image_id])
+            for image in images}  # fmt: skip
 
 
-def still_features(places: Mapping[int, np.ndarray], matches: Matches) -> dict[int, np.ndarray]:
-    """bool [P] by picture: features that are matched at their own place in three other pictures or more.
+def still_features(places: Mapping[int, np.ndarray], matches: Matches, least: int = TWICE) -> dict[int, np.ndarray]:
+    """bool [P] by picture: features that are matched at their own place in `least` other pictures or more.
 
     places   float [P, 2] by picture, over its longer side
     matches  int [M, 2] by pair of pictures: which features
@@ -60,7 +63,7 @@ def still_features(places: Mapping[int, np.ndarray], matches: Matches) -> dict[i
         at_rest = pairs[_at_rest(places[one], places[other], pairs)]
         np.add.at(count[one], at_rest[:, 0], 1)
         np.add.at(count[other], at_rest[:, 1], 1)
-    return {number: found >= TWICE for number, found in count.items()}
+    return {number: found >= least for number, found in count.items()}
 
 
 def turning(
@@ -106,9 +109,16 @@ def _matches(colmap: Any, opened: Any) -> Iterator[tuple[tuple[int, int], np.nda
         yield colmap.pair_id_to_image_pair(number), np.asarray(pairs).reshape(-1, 2)
 
 
-def _side(camera: Any) -> float:
-    return float(max(camera.width, camera.height))
+def _size(camera: Any) -> tuple[int, int]:
+    return camera.height, camera.width
 
 
-def _some(colmap: Any, descriptors: Any, kept: np.ndarray) -> Any:
-    return colmap.FeatureDescriptors(descriptors.type, np.asarray(descriptors.data)[kept])
+def _moving(pixels: np.ndarray, rest: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """bool `size`: where fewer than half of the nearest features (pixels [P, 2], x and y) are at `rest` bool [P]."""
+    if not len(rest):
+        return np.ones(size, bool)
+    height, width = size
+    x, y = np.meshgrid(np.arange(_CELL / 2, width, _CELL), np.arange(_CELL / 2, height, _CELL))
+    near = cKDTree(pixels).query(np.stack([x, y], axis=-1), k=min(AROUND, len(rest)))[1].reshape(*x.shape, -1)
+    moving = rest[near].mean(axis=-1) < 0.5
+    return moving.repeat(_CELL, axis=0).repeat(_CELL, axis=1)[:height, :width]

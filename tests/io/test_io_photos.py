@@ -294,18 +294,21 @@ def test_the_sphere_without_masks_holds_what_the_cameras_look_at():
 def test_few_points_are_looked_for_in_the_wide_way(monkeypatch, tmp_path, plain, wide, taken):
     """(sightings a picture, pictures without a camera) of either way; which is taken."""
     given = {"plain": plain, "wide": wide}
+    images = [tmp_path / f"{k}.png" for k in range(12)]
+    names = [image.name for image in images]
 
-    def found(colmap, folder, work, names, masks, settings, through, seed, matching, tell):
-        assert work.is_dir()
+    def found(mapped, left_out, matching):
         sightings, without = given[matching]
         kept = names[: len(names) - without]
         poses, camera = {name: np.eye(4) for name in kept}, dict.fromkeys(kept, 0)
         nothing, tracks = np.zeros((0, 3)), np.full(len(kept), sightings)
         return Motion(poses, camera, (), nothing, nothing, tracks, tuple(names[len(kept) :]), 0.0, True, "", matching)
 
-    monkeypatch.setattr(motion, "import_pycolmap", lambda: SimpleNamespace(logging=SimpleNamespace(minloglevel=0)))
-    monkeypatch.setattr(motion, "_found", found)
-    images = [tmp_path / f"{k}.png" for k in range(12)]
+    colmap = SimpleNamespace(logging=SimpleNamespace(minloglevel=0), set_random_seed=lambda seed: None)
+    monkeypatch.setattr(motion, "import_pycolmap", lambda: colmap)
+    for nothing in ("_features", "_match", "map_cameras", "turning_masks"):
+        monkeypatch.setattr(motion, nothing, lambda *given, **named: None)
+    monkeypatch.setattr(motion, "motion_of", found)
     for way in ("auto", "plain") + (("wide",) if wide else ()):
         work = tmp_path / way
         work.mkdir()

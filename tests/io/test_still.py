@@ -6,10 +6,11 @@ from scipy.ndimage import gaussian_filter
 
 from benchmarks.photos import differences
 from exmesh_graph.errors import DataError
+from exmesh_graph.io.checks.features import Pair, that_move
 from exmesh_graph.io.images import write_image
 from exmesh_graph.io.photos import load_photos
 from exmesh_graph.io.settings import PhotosOptions
-from exmesh_graph.io.still import still_features, turning
+from exmesh_graph.io.still import still_features, turning, turning_masks
 from tests.io.io_scenes import look_at
 from tests.io.test_io_photos import picture
 
@@ -83,8 +84,10 @@ def test_cameras_of_what_turns_before_a_painted_wall(colmap, tmp_path):
     angles = np.radians(12.0 * np.arange(8))
     eyes = 4 * np.stack([np.sin(angles), np.full(8, 0.3), np.cos(angles)], axis=1)
     cameras = np.stack([look_at(eye, np.zeros(3), np.array([0, 1.0, 0])) for eye in eyes])
+    balls: list[np.ndarray] = []
     for i, pose in enumerate(cameras):
         grey, ball = picture(pose, paint, 400, 300, 430.0)
+        balls.append(ball)
         write_image(tmp_path / f"p{i}.png", np.repeat(np.where(ball, grey, wall)[..., None], 3, axis=2))
     quick = PhotosOptions(matching="plain", mapping="incremental", features=800)
     for work in ("all", "moving"):
@@ -94,3 +97,20 @@ def test_cameras_of_what_turns_before_a_painted_wall(colmap, tmp_path):
     motion = load_photos(tmp_path, quick, tmp_path / "moving")[2]
     poses = np.stack([motion.camera_to_world[f"p{i}.png"] for i in range(len(cameras))])
     assert differences(poses, cameras)[0].max() < 2
+    masks = turning_masks(colmap, tmp_path / "moving" / "plain" / "database.db")
+    shown = np.stack([masks[f"p{i}.png"] for i in range(len(cameras))])
+    assert ((shown & balls).sum() / (shown | balls).sum()) > 0.9
+
+
+def test_matches_at_rest_do_not_contradict_cameras():
+    rng = np.random.default_rng(0)
+    wall, moved = rng.uniform(0, 400, (200, 2)), rng.uniform(0, 400, (30, 2))
+
+    def pair(first: int, still: int, moving: int) -> Pair:
+        places = np.concatenate([wall[:still], moved[:moving]])
+        return Pair(first, first + 1, places, places + np.repeat([[0.1, 0], [9, 2]], [still, moving], axis=0))
+
+    behind = [pair(0, 200, 30), pair(1, 200, 4), pair(2, 150, 20)]
+    assert [len(kept.places) for kept in that_move(behind, 400)] == [30, 20]
+    orbit = [pair(0, 3, 30), pair(1, 2, 30)]
+    assert that_move(orbit, 400) == orbit

@@ -43,10 +43,10 @@ def match_pairs(pictures: np.ndarray, chosen: Sequence[tuple[int, int]]) -> list
             places, others = _aligned(gray[first], gray[second], places, others)
         if len(places) >= _FEWEST:
             found.append(Pair(first, second, places + 0.5, others + 0.5))
-    return _that_move(found, max(pictures[0].shape)) if found else found
+    return that_move(found, max(pictures[0].shape)) if found else found
 
 
-def _that_move(pairs: list[Pair], side: int) -> list[Pair]:
+def that_move(pairs: list[Pair], side: int) -> list[Pair]:
     """Without matches at rest where most are: behind a turntable (`io.still`), of whose cameras they do not tell."""
     moving = [np.linalg.norm(pair.places - pair.others, axis=1) > STILL * side for pair in pairs]
     if np.median([moved.mean() for moved in moving]) > 0.5:
