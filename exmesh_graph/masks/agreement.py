@@ -63,8 +63,7 @@ def agreed_masks(
     as well. A mask of the first turn that the hull does not cover is contradicted, and so is one that is another than
     their own hull. `table` as for `masks_of_surface`.
     """
-    turns = (1 + _TURNS) * len(views)
-    first = masks_of_surface(views, vertices, faces, cutting, table=table, progress=_part(progress, 0, turns))
+    first = masks_of_surface(views, vertices, faces, cutting, table=table, progress=_turn(progress, 0, len(views)))
     seen = first.mean(axis=(1, 2)) >= _SEEN
     figures = {"seen": float(seen.mean()), "overlap": 0.0, "contradicted": 0.0}
     if seen.mean() < settings.least_seen or seen.sum() < 2:
@@ -109,8 +108,8 @@ def _mended(
             break  # what earlier turns found stands
         near = np.concatenate([vertices, hull[0]])
         covers = covered(drawn_outlines(*hull, views)[seen], first[seen])
-        last, part = masks, _part(progress, turn * len(views), (1 + _TURNS) * len(views))
-        masks = masks_of_surface(views, *hull, finer, table=table, progress=part)
+        last, told = masks, _turn(progress, turn, len(views))
+        masks = masks_of_surface(views, *hull, finer, table=table, progress=told)
         masks[~seen] = False
         clear = on_edges(shown, np.stack([reduced_mask(mask, factor) >= 0.5 for mask in masks]))
         if clear > best:
@@ -174,5 +173,6 @@ def overlap(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return np.where(any_ > 0, both / np.maximum(any_, 1), 1.0)
 
 
-def _part(progress: Callable[[int, int], None] | None, first: int, total: int) -> Callable[[int, int], None] | None:
-    return None if progress is None else lambda step, _: progress(first + step, total)
+def _turn(progress: Callable[[int, int], None] | None, turn: int, views: int) -> Callable[[int, int], None] | None:
+    """Progress in one of the turns, of which at least two more are expected at first and then one."""
+    return None if progress is None else lambda step, _: progress(turn * views + step, (max(turn, 1) + 2) * views)

@@ -34,7 +34,7 @@ def test_masks_of_one_ball_agree_and_come_out_at_its_edges(ball):
     assert found.figures["overlap"] > 0.9
     assert (found.figures["seen"], found.figures["contradicted"]) == (1.0, 0.0)
     assert min(overlap_of(a, b) for a, b in zip(found.masks, ball.masks, strict=True)) > 0.93
-    assert steps == [(k, 104) for k in range(1, 17)]  # further turns are for masks that grow
+    assert steps == [(k, 24) for k in range(1, 17)]  # a third turn is for masks that grow
 
 
 def test_a_turn_that_fails_leaves_what_earlier_ones_found(ball, monkeypatch):
