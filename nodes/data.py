@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
+from exmesh_graph.gpu.settings import ALL_CORES
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.io.settings import (
     BlenderOptions,
@@ -191,7 +192,7 @@ def _photo_files(p: PhotosParams) -> Mapping[str, Path]:
     version="2",
     libraries=("OpenImageIO", "scipy", "scikit-image", "pycolmap", "networkx", "pillow", "torch", "warp-lang"),
     sources=_photo_files,
-    resources={"cpu": 1},
+    resources=ALL_CORES,
 )
 def photos(ctx: Context, *, p: PhotosParams) -> PhotosOut:
     """A folder of photographs, or a video: cameras and sparse points by structure from motion (needs pycolmap).

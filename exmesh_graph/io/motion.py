@@ -25,6 +25,7 @@ from exmesh_graph.io.pairs import likely_pairs
 from exmesh_graph.io.settings import MotionSettings
 from exmesh_graph.io.still import turning_masks
 from exmesh_graph.native import import_pycolmap
+from exmesh_graph.resources import usable_cores
 
 #: Sightings of points a picture, below which pictures are matched again, and the growth that makes the new ones count.
 FEW, GROWTH = 150, 1.3
@@ -184,7 +185,7 @@ def _match(
 ) -> None:
     """Matches of all pairs of pictures or, of many pictures, of the likely ones, verified pair by pair."""
     options = colmap.FeatureMatchingOptions()
-    options.num_threads, options.guided_matching = settings.threads, matching == "wide"
+    options.num_threads, options.guided_matching = settings.threads or usable_cores(), matching == "wide"
     verify = colmap.TwoViewGeometryOptions()
     verify.ransac.random_seed, verify.ransac.num_threads = seed, 1
     common = {"matching_options": options, "verification_options": verify, "device": colmap.Device.cpu}
@@ -225,7 +226,7 @@ def _features(
     """Pictures, lens after lens, their cameras and features into a new database."""
     mode = colmap.CameraMode.SINGLE if settings.one_camera else colmap.CameraMode.PER_IMAGE
     options = colmap.FeatureExtractionOptions()
-    options.num_threads, options.max_image_size = settings.threads, settings.feature_size
+    options.num_threads, options.max_image_size = settings.threads or usable_cores(), settings.feature_size
     options.sift.max_num_features, options.sift.estimate_affine_shape = settings.features, affine
     colmap.Database.open(database).close()
     for group in _groups(names, through):

@@ -178,7 +178,9 @@ class MotionSettings(Params):
         True,
         doc="Where the object turns before a camera on a tripod: leave out the features that stand still.",
     )
-    threads: int = param(1, ge=1, tuning=True, doc="For features and matching; mapping runs on one.")
+    threads: int = param(
+        0, ge=0, tuning=True, doc="For features and matching; mapping runs on one. 0: all cores of this process."
+    )
 
 
 class PhotosOptions(TrainSize, MotionSettings):
