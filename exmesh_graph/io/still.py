@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 STILL = 0.002
 """Of a picture's longer side: matches nearer to one another stand still."""
-TWICE = 3
+THRICE = 3
 """Pictures in which a feature stands still, besides its own, from which on it is no chance."""
 FEW = 20
 """Still features of a picture, and moving matches of a pair, that count."""
@@ -45,14 +45,14 @@ def turning_masks(colmap: Any, database: Path, seed: int = 0) -> dict[str, np.nd
     finally:
         opened.close()
     places = {number: found / max(sizes[number]) for number, found in pixels.items()}
-    if not turning(colmap, pixels, matches, still_features(places, matches), seed):
-        return {}
     rest = still_features(places, matches, 1)
+    if not turning(colmap, pixels, matches, still_features(places, matches), rest, seed):
+        return {}
     return {image.name: _moving(pixels[image.image_id], rest[image.image_id], sizes[image.image_id])
             for image in images}  # fmt: skip
 
 
-def still_features(places: Mapping[int, np.ndarray], matches: Matches, least: int = TWICE) -> dict[int, np.ndarray]:
+def still_features(places: Mapping[int, np.ndarray], matches: Matches, least: int = THRICE) -> dict[int, np.ndarray]:
     """bool [P] by picture: features that are matched at their own place in `least` other pictures or more.
 
     places   float [P, 2] by picture, over its longer side
@@ -67,12 +67,19 @@ def still_features(places: Mapping[int, np.ndarray], matches: Matches, least: in
 
 
 def turning(
-    colmap: Any, pixels: Mapping[int, np.ndarray], matches: Matches, still: Mapping[int, np.ndarray], seed: int = 0
+    colmap: Any,
+    pixels: Mapping[int, np.ndarray],
+    matches: Matches,
+    still: Mapping[int, np.ndarray],
+    rest: Mapping[int, np.ndarray],
+    seed: int = 0,
 ) -> bool:
     """Whether something moves before what stands still: most pictures show both.
 
-    pixels  float [P, 2] by picture. What moves is that of two pictures whose other matches one motion explains (a
-            fundamental matrix, by RANSAC); in pictures of a still scene from one place these are matched by chance.
+    pixels       float [P, 2] by picture
+    still, rest  bool [P] by picture: at rest in three other pictures, and in one
+    What moves is seen in two pictures where one motion explains the matches of features that are nowhere at rest (a
+    fundamental matrix, by RANSAC); in pictures of a still scene from one place these are matched by chance.
     """
     resting = {number for number, found in still.items() if found.sum() >= FEW}
     if len(resting) < SHARE * len(still):
@@ -80,7 +87,7 @@ def turning(
     best: dict[int, tuple[int, tuple[int, int], np.ndarray]] = {}
     for pair, pairs in matches.items():
         one, other = pair
-        left = pairs[~(still[one][pairs[:, 0]] | still[other][pairs[:, 1]])]
+        left = pairs[~(rest[one][pairs[:, 0]] | rest[other][pairs[:, 1]])]
         for number in {one, other} & resting if len(left) >= FEW else ():
             if number not in best or len(left) > best[number][0]:
                 best[number] = len(left), pair, left

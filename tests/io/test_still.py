@@ -44,8 +44,9 @@ def colmap():
 
 
 def told(colmap, pixels, matches):
-    still = still_features({k: found / SIDE for k, found in pixels.items()}, matches)
-    return still, turning(colmap, pixels, matches, still)
+    places = {k: found / SIDE for k, found in pixels.items()}
+    still, rest = still_features(places, matches), still_features(places, matches, 1)
+    return still, turning(colmap, pixels, matches, still, rest)
 
 
 def test_a_wall_behind_a_turntable_is_told_from_what_turns(colmap):
