@@ -31,6 +31,10 @@ from exmesh_graph.resources import usable_cores
 FEW, GROWTH = 150, 1.3
 #: Pictures up to which all pairs are matched.
 MANY = 80
+_TURN_LESS = (
+    "turn the object by 15 degrees at most from picture to picture, with paint or print on what turns with it (the room, "
+    "which stands still, tells nothing); or lower `registered`"
+)
 _MODELS = {"pinhole": "SIMPLE_PINHOLE", "radial": "SIMPLE_RADIAL", "opencv": "OPENCV"}
 
 
@@ -155,7 +159,8 @@ def find_motion(
         first = "plain" if settings.matching == "auto" else settings.matching
         shown = _mask_files(masks, work / "masks")
         database = matched(first, first, shown)
-        if settings.turntable and (moving := turning_masks(colmap, database, seed)):
+        moving = turning_masks(colmap, database, seed) if settings.turntable else {}
+        if moving:
             share = 1 - np.mean([mask.mean() for mask in moving.values()])
             tell(
                 f"something turns before {share:.0%} of the pictures that stand still: these are left out (`turntable`)"
@@ -170,7 +175,7 @@ def find_motion(
                 motion = wide
     finally:
         colmap.logging.minloglevel = level
-    _check_enough(names, motion.left_out, settings, folder)
+    _check_enough(names, motion.left_out, settings, folder, turned=bool(moving))
     return motion
 
 
@@ -257,14 +262,17 @@ def _parameters(focal: float, size: tuple[int, int], settings: MotionSettings) -
     return ",".join(map(repr, [*lengths, size[0] / 2, size[1] / 2, *[0.0] * zeros]))
 
 
-def _check_enough(names: list[str], left_out: tuple[str, ...], settings: MotionSettings, folder: Path) -> None:
+def _check_enough(
+    names: list[str], left_out: tuple[str, ...], settings: MotionSettings, folder: Path, *, turned: bool = False
+) -> None:
     placed = len(names) - len(left_out)
     if placed >= max(3, settings.registered * len(names)):
         return
     raise DataError(
         f"cameras were found for {placed} of {len(names)} pictures; without one: {some(left_out)}", where=str(folder),
         expected=f"at least {max(3, int(np.ceil(settings.registered * len(names))))} that overlap and show texture",
-        fix="take pictures at most 20 degrees apart, sharp, of a still scene, with a textured background; remove those "
+        fix=_TURN_LESS if turned else
+        "take pictures at most 20 degrees apart, sharp, of a still scene, with a textured background; remove those "
         "that do not belong, or lower `registered`",
     )  # fmt: skip
 

@@ -6,10 +6,11 @@ from scipy.ndimage import gaussian_filter
 
 from benchmarks.photos import differences
 from exmesh_graph.errors import DataError
+from exmesh_graph.io import motion
 from exmesh_graph.io.checks.features import Pair, that_move
 from exmesh_graph.io.images import write_image
 from exmesh_graph.io.photos import load_photos
-from exmesh_graph.io.settings import PhotosOptions
+from exmesh_graph.io.settings import MotionSettings, PhotosOptions
 from exmesh_graph.io.still import still_features, turning, turning_masks
 from tests.io.io_scenes import look_at
 from tests.io.test_io_photos import picture
@@ -95,12 +96,20 @@ def test_cameras_of_what_turns_before_a_painted_wall(colmap, tmp_path):
         (tmp_path / work).mkdir()
     with pytest.raises(DataError, match="cameras were found for 0 of 8 pictures"):
         load_photos(tmp_path, quick.replaced(turntable=False), tmp_path / "all")
-    motion = load_photos(tmp_path, quick, tmp_path / "moving")[2]
-    poses = np.stack([motion.camera_to_world[f"p{i}.png"] for i in range(len(cameras))])
+    found = load_photos(tmp_path, quick, tmp_path / "moving")[2]
+    poses = np.stack([found.camera_to_world[f"p{i}.png"] for i in range(len(cameras))])
     assert differences(poses, cameras)[0].max() < 2
     masks = turning_masks(colmap, tmp_path / "moving" / "plain" / "database.db")
     shown = np.stack([masks[f"p{i}.png"] for i in range(len(cameras))])
     assert ((shown & balls).sum() / (shown | balls).sum()) > 0.9
+
+
+def test_the_error_tells_how_far_to_turn(tmp_path):
+    names = [f"p{k}.png" for k in range(8)]
+    for turned, cure in ((True, "turn the object by 15 degrees"), (False, "of a still scene")):
+        with pytest.raises(DataError) as caught:
+            motion._check_enough(names, tuple(names), MotionSettings(), tmp_path, turned=turned)
+        assert cure in str(caught.value)
 
 
 def test_matches_at_rest_do_not_contradict_cameras():
