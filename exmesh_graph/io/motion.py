@@ -32,8 +32,8 @@ FEW, GROWTH = 150, 1.3
 #: Pictures up to which all pairs are matched.
 MANY = 80
 _TURN_LESS = (
-    "turn the object by 15 degrees at most from picture to picture, with paint or print on what turns with it (the room, "
-    "which stands still, tells nothing); or lower `registered`"
+    "turn the object by 15 degrees at most from picture to picture, with paint or print on what turns with it (the "
+    "room, which stands still, tells nothing); or lower `registered`"
 )
 _MODELS = {"pinhole": "SIMPLE_PINHOLE", "radial": "SIMPLE_RADIAL", "opencv": "OPENCV"}
 
