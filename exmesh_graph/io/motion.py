@@ -130,7 +130,8 @@ def find_motion(
              None: all are of one size, and one lens
     tell     is told what is being done
     `settings.matching`: auto matches again in the wide way where points are few or pictures have no camera, and takes
-    what gives more pictures cameras or, of as many pictures, clearly more points.
+    what gives more pictures cameras or, of as many pictures, clearly more points. `settings.turntable`: where something
+    turns before what stands still (`still`), features are taken again from what turns alone.
     The same pictures, seed and version give the same bytes: mapping runs on one thread, whatever `threads` says of
     features and matching. Pictures that hang on the others by pairs alone are left out (`mapping.tied`).
     Raises DataError, naming pictures, where fewer than the share `registered` (or than three) get a camera,

@@ -15,14 +15,14 @@ from scipy.spatial import cKDTree
 
 STILL = 0.002
 """Of a picture's longer side: matches nearer to one another stand still."""
-THRICE = 3
+_THRICE = 3
 """Pictures in which a feature stands still, besides its own, from which on it is no chance."""
-FEW = 20
+_FEW = 20
 """Still features of a picture, and moving matches of a pair, that count."""
-SHARE = 0.5
+_SHARE = 0.5
 """Of the pictures: so many must have still features, and so many be tied to another by what moves."""
 
-AROUND = 10
+_AROUND = 10
 """Features nearest to a pixel that say whether it stands still."""
 _CELL = 4
 """Pixels on a side of the squares that are told apart."""
@@ -52,7 +52,7 @@ def turning_masks(colmap: Any, database: Path, seed: int = 0) -> dict[str, np.nd
             for image in images}  # fmt: skip
 
 
-def still_features(places: Mapping[int, np.ndarray], matches: Matches, least: int = THRICE) -> dict[int, np.ndarray]:
+def still_features(places: Mapping[int, np.ndarray], matches: Matches, least: int = _THRICE) -> dict[int, np.ndarray]:
     """bool [P] by picture: features that are matched at their own place in `least` other pictures or more.
 
     places   float [P, 2] by picture, over its longer side
@@ -81,14 +81,14 @@ def turning(
     What moves is seen in two pictures where one motion explains the matches of features that are nowhere at rest (a
     fundamental matrix, by RANSAC); in pictures of a still scene from one place these are matched by chance.
     """
-    resting = {number for number, found in still.items() if found.sum() >= FEW}
-    if len(resting) < SHARE * len(still):
+    resting = {number for number, found in still.items() if found.sum() >= _FEW}
+    if len(resting) < _SHARE * len(still):
         return False
     best: dict[int, tuple[int, tuple[int, int], np.ndarray]] = {}
     for pair, pairs in matches.items():
         one, other = pair
         left = pairs[~(rest[one][pairs[:, 0]] | rest[other][pairs[:, 1]])]
-        for number in {one, other} & resting if len(left) >= FEW else ():
+        for number in {one, other} & resting if len(left) >= _FEW else ():
             if number not in best or len(left) > best[number][0]:
                 best[number] = len(left), pair, left
     tied: dict[tuple[int, int], bool] = {}
@@ -96,14 +96,14 @@ def turning(
         if pair not in tied:
             first, second = pixels[pair[0]][left[:, 0]], pixels[pair[1]][left[:, 1]]
             tied[pair] = _one_motion(colmap, first, second, seed)
-    return sum(tied[pair] for _, pair, _ in best.values()) >= SHARE * len(still)
+    return sum(tied[pair] for _, pair, _ in best.values()) >= _SHARE * len(still)
 
 
 def _one_motion(colmap: Any, first: np.ndarray, second: np.ndarray, seed: int) -> bool:
     options = colmap.RANSACOptions()
     options.max_error, options.random_seed = 4.0, seed
     found = colmap.estimate_fundamental_matrix(first.astype(np.float64), second.astype(np.float64), options)
-    return found is not None and found["num_inliers"] >= max(FEW, len(first) / 2)
+    return found is not None and found["num_inliers"] >= max(_FEW, len(first) / 2)
 
 
 def _at_rest(first: np.ndarray, second: np.ndarray, pairs: np.ndarray) -> np.ndarray:
@@ -126,6 +126,6 @@ def _moving(pixels: np.ndarray, rest: np.ndarray, size: tuple[int, int]) -> np.n
         return np.ones(size, bool)
     height, width = size
     x, y = np.meshgrid(np.arange(_CELL / 2, width, _CELL), np.arange(_CELL / 2, height, _CELL))
-    near = cKDTree(pixels).query(np.stack([x, y], axis=-1), k=min(AROUND, len(rest)))[1].reshape(*x.shape, -1)
+    near = cKDTree(pixels).query(np.stack([x, y], axis=-1), k=min(_AROUND, len(rest)))[1].reshape(*x.shape, -1)
     moving = rest[near].mean(axis=-1) < 0.5
     return moving.repeat(_CELL, axis=0).repeat(_CELL, axis=1)[:height, :width]

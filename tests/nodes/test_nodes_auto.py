@@ -296,7 +296,6 @@ def test_depth_that_was_found_with_the_masks_is_not_looked_for_again(views, monk
     monkeypatch.setattr(prior, "patch_match", lambda *_, **__: prior.DepthOut(cut))
     looked = auto.auto(FakeContext(), views, p=p.model_copy(update={"seconds": 1e4}))
     monkeypatch.setattr(prior, "patch_match", None)
-    monkeypatch.setattr(auto, "_FOUND_REACH", 1.05)  # as where masks were given, so that voxels lie alike
     kept = auto.auto(FakeContext(), views, stereo=whole, p=p)
     np.testing.assert_array_equal(kept.mesh.vertices, looked.mesh.vertices)
     assert "found with the masks" in kept.decisions.values["decisions"][0]["reason"]
