@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 Train = Annotated[Views, facets(split="train")]
 _LEAST_PART = 0.002  # of the largest part's area: smaller ones stay where masks need them
-_FOUND_REACH = 1.4  # where masks were found, the world's sphere is a guess from points: a smooth part may lie outside
 _LIDS_AT = 96  # voxels along the object: fine enough to see where an opening may be, and how thick its walls are
 _LEAST_BARE_PART = 0.05  # without masks: a part of the object may lie apart from the rest, lumps are small
 
@@ -103,8 +102,7 @@ def auto(
     from exmesh_graph.geometry.carve import carving
     from exmesh_graph.geometry.closed import hull_surface, solid_surface
     from exmesh_graph.geometry.coarse_start import ENOUGH_VIEWS, Known, choose, reduction
-    from exmesh_graph.geometry.grounded import Grounded
-    from exmesh_graph.geometry.hull import SilhouetteField, goes_on
+    from exmesh_graph.geometry.grounded import hull_of
     from exmesh_graph.geometry.openings import opened
     from exmesh_graph.gpu.torch_setup import sharing
     from exmesh_graph.masks.regained import regained
@@ -131,11 +129,8 @@ def auto(
             fix='wire depths: "@<a prior>.depths", or set method: auto',
         )  # fmt: skip
     outline = HullSettings(resolution=p.resolution, wrong_masks=p.wrong_masks)
-    field = SilhouetteField.of_views(views, p.wrong_masks) if masks and method != "sphere" else None
-    if field is not None and ground is not None:
-        field = Grounded.on(field, ground)
-    if field is not None and stereo is not None and goes_on(field):
-        field = replace(field, reach=_FOUND_REACH)
+    silhouettes = masks and method != "sphere"
+    field = hull_of(views, ground, p.wrong_masks, found=stereo is not None) if silhouettes else None
     solid = _hull_solid(field) if field else None
     shown, vessel = views, None  # the photographs that foretell one another; what was said on openings
     if method == "hull":

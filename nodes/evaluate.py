@@ -58,9 +58,12 @@ def _mask_files(p: RegionSettings) -> Mapping[str, Path]:
     return mask_files(p.masks)
 
 
-@node("evaluate.region", version="3", libraries=_FOUND, sources=_mask_files)
-def region(ctx: Context, views: TestViews, train: TrainViews | None = None, *, p: RegionSettings) -> RegionOut:
-    """What counts in held-out views without masks: where their own depth lies in the object's box, or masks say so.
+@node("evaluate.region", version="4", libraries=_FOUND, sources=_mask_files)
+def region(
+    ctx: Context, views: TestViews, train: TrainViews | None = None, ground: Mesh | None = None, *, p: RegionSettings
+) -> RegionOut:
+    """What counts in held-out views without masks: what shows the hull of the training views' masks (above the
+    `ground`), where they have some, else where their own depth lies in the object's box, or masks for scoring say so.
 
     Found in photographs alone: the same pixels for all that is scored on a scene. Views that have masks keep to these.
     """
@@ -68,7 +71,7 @@ def region(ctx: Context, views: TestViews, train: TrainViews | None = None, *, p
     from exmesh_graph.gpu.torch_setup import sharing
 
     with sharing(0):
-        found = find_region(views, train, p)
+        found = find_region(views, train, p, ground)
     shares = found.inside.mean(axis=(1, 2))
     ctx.log(f"{shares.mean():.0%} of the pictures count, from {shares.min():.0%} to {shares.max():.0%} by view")
     empty = [name for name, share in zip(found.names, shares, strict=True) if share == 0]

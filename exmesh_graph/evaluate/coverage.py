@@ -261,7 +261,11 @@ def _within(
     marks = [_marks(*parts) for parts in zip(insides, here, shown, strict=True)]
     photographs = [display(views.images[i], views.alpha[i]) for i in (chosen[n] for n in kept)]
     pairs, db, structure = compare_marked([ours[n] for n in kept], photographs, marks)
-    source = {"depth": "where the photographs' own depth lies in the object's box", "masks": "masks for scoring"}
+    source = {
+        "depth": "where the photographs' own depth lies in the object's box",
+        "hull": "what shows the hull of the training masks",
+        "masks": "masks for scoring",
+    }
     return Compared([chosen[n] for n in kept], pairs, marks, db, structure, *_shares(insides, here, shown),
                     source[region.source])  # fmt: skip
 

@@ -1,10 +1,10 @@
 """What counts in held-out views that have no masks, found in the photographs and in nothing that is to be scored.
 
 A pixel counts where the held-out view's own multi-view depth (`priors.patch_match`, with the training views as its
-neighbours) lies inside the object's box and above the table that it stands on, or where a mask that was given for
-scoring only says so. With the depth goes the interval in which the surface lies, so that a sheet behind the object
-covers nothing; with a mask goes the box's: what stands in the wrong place shows the wrong colour, as in views with
-masks.
+neighbours) lies inside the object's box and above the table that it stands on; or where masks of the training views say so
+(`masked_region`), or a mask that was given for scoring only. With the depth goes the interval in which the surface
+lies, so that a sheet behind the object covers nothing; with masks goes the box's: what stands in the wrong place shows
+the wrong colour, as in views with masks.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import torch
 from scipy.ndimage import binary_closing, binary_erosion, distance_transform_edt, label, maximum_filter, minimum_filter
 
 from exmesh_graph.errors import DataError, GeometryError
+from exmesh_graph.evaluate.masked_region import shown_by_masks
 from exmesh_graph.evaluate.settings import RegionSettings
 from exmesh_graph.geometry.settings import TsdfSettings
 from exmesh_graph.geometry.tsdf import fuse
@@ -32,7 +33,7 @@ from exmesh_graph.priors.patch_match.estimate import patch_match
 from exmesh_graph.priors.settings import PatchMatchSettings
 from exmesh_graph.raster.camera import pixel_rays
 from exmesh_graph.targets import Targets, prepare_targets
-from exmesh_graph.types import DepthMaps, Region, Views
+from exmesh_graph.types import DepthMaps, Mesh, Region, Views
 from exmesh_graph.types.pictures import Pictures
 
 _FLAT = 0.003  # deviation [display units] of 3 x 3 pixels that hold nothing of their own: their depth is a neighbour's
@@ -50,10 +51,13 @@ _WHITE = 0.95  # of a mask: a pixel of the rim shows the background in part, and
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
 
 
-def find_region(views: Views, train: Views | None = None, settings: RegionSettings | None = None) -> Region:
+def find_region(
+    views: Views, train: Views | None = None, settings: RegionSettings | None = None, ground: Mesh | None = None
+) -> Region:
     """The region of held-out `views` without masks; `train` are other photographs of the same scene.
 
-    Without `settings.masks`, a pixel counts whose depth two neighbouring views confirm, that has structure of its own,
+    Where all of `train` have masks, a pixel counts that shows the hull of these above the `ground`. Else, without
+    `settings.masks`, a pixel counts whose depth two neighbouring views confirm, that has structure of its own,
     is not seen at a grazing angle and lies inside the unit sphere (the object, as the loader found it) and the box, and
     not in or below the plane that the object stands on, where there is one that goes on beside it (`settings.table`).
     Small holes are closed, a rim of a few pixels is pared. With masks, of the settings or the views' own, their white
@@ -64,6 +68,9 @@ def find_region(views: Views, train: Views | None = None, settings: RegionSettin
     given = None if settings.masks is None else _read_masks(settings.masks, views)
     if views.has_masks and given is None:
         given = np.stack([alpha > _WHITE for alpha in views.alpha])
+    source = "depth" if given is None else "masks"
+    if given is None and train is not None and train.has_masks and train.masked.all():
+        given, source = shown_by_masks(views, train, ground), "hull"
     alone = len(views) + (0 if train is None else len(train)) < 2
     if given is None and alone:
         raise DataError("one view alone has no parallax", where="evaluate.region", expected="two views or more",
@@ -91,7 +98,7 @@ def find_region(views: Views, train: Views | None = None, settings: RegionSettin
         raise DataError("no pixel of the held-out views counts: " + ("their depth was not found" if given is None else
                         "the masks are black, or what they show lies outside the box"), where="evaluate.region",
                         fix="wire the training views to `train`, try another `downscale`, or give `masks`")  # fmt: skip
-    return Region(views.names, inside, near, far, "depth" if given is None else "masks")
+    return Region(views.names, inside, near, far, source)
 
 
 def mask_files(folder: Path | None) -> Mapping[str, Path]:

@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from exmesh_graph.geometry.hull import SilhouetteField
-from exmesh_graph.types import Mesh
+from exmesh_graph.geometry.hull import SilhouetteField, goes_on
+from exmesh_graph.types import Mesh, Views
+
+_FOUND_REACH = 1.4
+"""Where masks were found, the world's sphere is a guess from points: a smooth part may lie outside."""
+
+
+def hull_of(views: Views, ground: Mesh | None = None, wrong_masks: int = 0, *, found: bool = True) -> SilhouetteField:
+    """The field of the masks of `views`, above a flat mesh where one is given; `found`: not by whom the world was made,
+    so that it is looked for farther where it goes on beyond the usual cube. Raises as `SilhouetteField.of_views`."""
+    field = SilhouetteField.of_views(views, wrong_masks)
+    if ground is not None:
+        field = Grounded.on(field, ground)
+    return replace(field, reach=_FOUND_REACH) if found and goes_on(field) else field
 
 
 @dataclass(frozen=True)

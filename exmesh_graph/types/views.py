@@ -188,7 +188,8 @@ class Region(ArrayArtifact):
     inside     bool [N, H, W], the pixels that count
     near, far  float32 [N, H, W], normalised units along the camera's z axis: between these depths lies the surface that
                such a pixel shows; what is elsewhere does not cover it. 0 outside
-    source     "depth" (found by the photographs' own depth) or "masks" (given for scoring only)
+    source     "depth" (found by the photographs' own depth), "hull" (of the training views' masks) or "masks" (given
+               for scoring only)
     """
 
     type_name: ClassVar[str] = "Region"

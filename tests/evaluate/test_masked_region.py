@@ -1,0 +1,63 @@
+"""What counts in held-out views without masks, where the training views have some."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.ndimage import binary_erosion
+
+from exmesh_graph import testing
+from exmesh_graph.evaluate import masked_region, region
+from exmesh_graph.types import Mesh
+
+
+@pytest.fixture(scope="module")
+def views():
+    return testing.views(count=24, size=96)
+
+
+def _split(views):
+    """(held-out views without masks, training views with theirs, the masks of the held-out ones)."""
+    held = views.subset(range(0, 24, 6))
+    bare = replace(held, has_masks=False, alpha=np.ones_like(held.alpha))
+    return bare, views.subset([i for i in range(24) if i % 6]), held.alpha > 0.5
+
+
+def test_what_shows_the_hull_of_the_training_masks_counts(views, monkeypatch):
+    held, train, object_ = _split(views)
+    monkeypatch.setattr(region, "_own_depth", lambda *_: pytest.fail("stereo has no say"))
+    found = region.find_region(held, train)
+    assert found.source == "hull"
+    assert not (found.inside & ~object_).any()
+    for inside, true in zip(found.inside, object_, strict=True):
+        assert inside[binary_erosion(true, iterations=4)].all()
+
+
+def test_a_surface_counts_as_with_masks_wherever_it_stands_in_the_box(views):
+    held, train, _ = _split(views)
+    found = region.find_region(held, train)
+    start, end = region._box_depths(held, region.RegionSettings())
+    np.testing.assert_array_equal(found.near[found.inside], start[found.inside])
+    np.testing.assert_array_equal(found.far[found.inside], end[found.inside])
+
+
+def test_some_masks_are_not_enough(views, monkeypatch):
+    """The hull of a few masks holds much that is no object."""
+    held, train, _ = _split(views)
+    masked = np.arange(len(train)) < 3
+    some = replace(train, alpha=np.where(masked[:, None, None], train.alpha, 1).astype(np.float32))
+    assert not some.masked.all()
+    monkeypatch.setattr(region, "shown_by_masks", lambda *_: pytest.fail("masks have no say"))
+    monkeypatch.setattr(region, "_own_depth", lambda views, *_: np.full(views.alpha.shape, 3, np.float32))
+    assert region.find_region(held, some, region.RegionSettings(table="keep")).source == "depth"
+
+
+def test_what_lies_below_the_ground_does_not_count(views):
+    held, train, _ = _split(views)
+    square = np.array([[-2, -2, 0], [2, -2, 0], [2, 2, 0], [-2, 2, 0]], np.float32)
+    ground = Mesh(square, np.array([[0, 1, 2], [0, 2, 3]], np.int32))
+    whole = masked_region.shown_by_masks(held, train)
+    upper = masked_region.shown_by_masks(held, train, ground)
+    assert 0.2 < (upper & whole).sum() / whole.sum() < 0.95
