@@ -2,9 +2,9 @@
 
 A pixel counts where the held-out view's own multi-view depth (`priors.patch_match`, with the training views as its
 neighbours) lies inside the object's box and above the table that it stands on; or where masks of the training views say so
-(`masked_region`), or a mask that was given for scoring only. With the depth goes the interval in which the surface
-lies, so that a sheet behind the object covers nothing; with masks goes the box's: what stands in the wrong place shows
-the wrong colour, as in views with masks.
+(`masked_region`), or a mask that was given for scoring only. With each pixel goes the interval of depths in which the
+surface lies, so that a sheet behind the object covers nothing: around its own depth, or inside the masks' hull. With
+masks for scoring it is the box's: what stands in the wrong place shows the wrong colour, as in views with masks.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import torch
 from scipy.ndimage import binary_closing, binary_erosion, distance_transform_edt, label, maximum_filter, minimum_filter
 
 from exmesh_graph.errors import DataError, GeometryError
-from exmesh_graph.evaluate.masked_region import shown_by_masks
+from exmesh_graph.evaluate.masked_region import Shown, pixel_directions, shown_by_masks
 from exmesh_graph.evaluate.settings import RegionSettings
 from exmesh_graph.geometry.settings import TsdfSettings
 from exmesh_graph.geometry.tsdf import fuse
@@ -68,37 +68,47 @@ def find_region(
     given = None if settings.masks is None else _read_masks(settings.masks, views)
     if views.has_masks and given is None:
         given = np.stack([alpha > _WHITE for alpha in views.alpha])
-    source = "depth" if given is None else "masks"
-    if given is None and train is not None and train.has_masks and train.masked.all():
-        given, source = shown_by_masks(views, train, ground), "hull"
-    alone = len(views) + (0 if train is None else len(train)) < 2
-    if given is None and alone:
+    if given is not None:
+        source, found = "masks", Shown(given, *_box_depths(views, settings))
+    elif train is not None and train.has_masks and train.masked.all():
+        source, found = "hull", _by_hull(shown_by_masks(views, train, ground), views, settings)
+    else:
+        source, found = "depth", _by_depth(views, train, settings)
+    inside = found.inside & (found.end > found.start)
+    if not inside.any():
+        why = {"depth": "their depth was not found", "hull": "they show nothing of the hull of the training masks",
+               "masks": "the masks are black, or what they show lies outside the box"}  # fmt: skip
+        raise DataError(f"no pixel of the held-out views counts: {why[source]}", where="evaluate.region",
+                        fix="wire the training views to `train`, try another `downscale`, or give `masks`")  # fmt: skip
+    near, far = np.where(inside, found.start, 0), np.where(inside, found.end, 0)
+    return Region(views.names, inside, near.astype(np.float32), far.astype(np.float32), source)
+
+
+def _by_hull(shown: Shown, views: Views, settings: RegionSettings) -> Shown:
+    """Surface counts inside the hull or near it: what stands behind it covers nothing."""
+    start, end = shown.start - settings.tolerance, shown.end + settings.tolerance
+    if settings.box is not None:
+        first, last = _box_depths(views, settings)
+        start, end = np.maximum(start, first), np.minimum(end, last)
+    return Shown(shown.inside, start, end)
+
+
+def _by_depth(views: Views, train: Views | None, settings: RegionSettings) -> Shown:
+    """By the held-out views' own depth, with the interval around it."""
+    if len(views) + (0 if train is None else len(train)) < 2:
         raise DataError("one view alone has no parallax", where="evaluate.region", expected="two views or more",
                         fix="wire the training views to `train`, or give `masks`")  # fmt: skip
-    # where masks say what counts, stereo has no say: it puts what a glossy surface mirrors behind that surface
-    depth = np.zeros(views.alpha.shape, np.float32) if given is not None else _own_depth(views, train, settings)
+    depth = _own_depth(views, train, settings)
     start, end = _box_depths(views, settings)
     known = (depth > start) & (depth < end)
     known &= ~_between(depth, known, settings)
-    if given is None and settings.table == "auto":
+    if settings.table == "auto":
         known &= ~_table(np.where(known, depth, 0), views, settings.downscale)
-    inside = (
-        np.stack([_tidied(one, views.images[i], settings.downscale) for i, one in enumerate(known)])
-        if given is None
-        else given & (end > start)
-    )
+    inside = np.stack([_tidied(one, views.images[i], settings.downscale) for i, one in enumerate(known)])
     near, far = np.zeros_like(depth), np.zeros_like(depth)
     for i in range(len(views)):
         near[i], far[i] = _interval(np.where(known[i], depth[i], 0), views, i, settings.tolerance)
-    near, far = np.maximum(near, start), np.minimum(far, end)
-    inside &= far > near
-    blank = ~inside
-    near[blank] = far[blank] = 0
-    if not inside.any():
-        raise DataError("no pixel of the held-out views counts: " + ("their depth was not found" if given is None else
-                        "the masks are black, or what they show lies outside the box"), where="evaluate.region",
-                        fix="wire the training views to `train`, try another `downscale`, or give `masks`")  # fmt: skip
-    return Region(views.names, inside, near, far, source)
+    return Shown(inside, np.maximum(near, start), np.minimum(far, end))
 
 
 def mask_files(folder: Path | None) -> Mapping[str, Path]:
@@ -172,15 +182,9 @@ def _table(depth: np.ndarray, views: Views, factor: int) -> np.ndarray:
     if plane is None or not plane.is_table:
         return below
     for i, seen in enumerate(depth):
-        points = views.camera_to_world[i][:3, 3] + seen[..., None] * _rays(views, i)
+        points = views.camera_to_world[i][:3, 3] + seen[..., None] * pixel_directions(views, i)
         below[i] = (seen > 0) & (plane.height(points) < _THICK)
     return below
-
-
-def _rays(views: Views, view: int) -> np.ndarray:
-    """float64 [H, W, 3] in the world, of depth 1."""
-    k, like = torch.from_numpy(views.intrinsics[view]), torch.zeros(1, dtype=torch.float64)
-    return pixel_rays(k, views.height, views.width, like).numpy() @ views.camera_to_world[view][:3, :3].T
 
 
 def _joined(views: Views, train: Views | None) -> Views:
@@ -250,7 +254,7 @@ def _tidied(known: np.ndarray, picture: np.ndarray, factor: int) -> np.ndarray:
 def _interval(depth: np.ndarray, views: Views, view: int, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
     """(nearest, farthest) depth [H, W]: around that of the nearest known pixel, wider the farther that is."""
     if not (depth > 0).any():
-        return np.zeros_like(depth), np.full_like(depth, np.inf)
+        return np.zeros_like(depth), np.zeros_like(depth)
     distance, (row, column) = distance_transform_edt(depth <= 0, return_indices=True)
     carried = depth[row, column]
     k = views.intrinsics[view]
@@ -264,7 +268,7 @@ def _box_depths(views: Views, settings: RegionSettings) -> tuple[np.ndarray, np.
     shape = (len(views), views.height, views.width)
     start, end = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
     for i, pose in enumerate(views.camera_to_world):
-        rays, place = _rays(views, i), pose[:3, 3]
+        rays, place = pixel_directions(views, i), pose[:3, 3]
         square, half = (rays * rays).sum(-1), (rays * place).sum(-1)
         inner = half**2 - square * (place @ place - 1)
         root = np.sqrt(np.maximum(inner, 0))

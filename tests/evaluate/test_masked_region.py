@@ -10,6 +10,7 @@ from scipy.ndimage import binary_erosion
 
 from exmesh_graph import testing
 from exmesh_graph.evaluate import masked_region, region
+from exmesh_graph.geometry.grounded import hull_of
 from exmesh_graph.types import Mesh
 
 
@@ -35,12 +36,30 @@ def test_what_shows_the_hull_of_the_training_masks_counts(views, monkeypatch):
         assert inside[binary_erosion(true, iterations=4)].all()
 
 
-def test_a_surface_counts_as_with_masks_wherever_it_stands_in_the_box(views):
+def test_a_surface_counts_inside_the_hull_and_near_it(views):
+    """What stands behind the object, a wall of the photographs' colour say, covers nothing."""
     held, train, _ = _split(views)
+    carrier = testing.carrier()
+    truth = testing.depth_maps(carrier, held).depth
     found = region.find_region(held, train)
-    start, end = region._box_depths(held, region.RegionSettings())
-    np.testing.assert_array_equal(found.near[found.inside], start[found.inside])
-    np.testing.assert_array_equal(found.far[found.inside], end[found.inside])
+    inside = found.inside & (truth > 0)
+    assert (found.near[inside] < truth[inside]).all()
+    assert (truth[inside] < found.far[inside]).all()
+    deepest = np.linalg.norm(carrier.vertices, axis=1).max()
+    for i, pose in enumerate(held.camera_to_world):
+        assert found.far[i].max() < np.linalg.norm(pose[:3, 3]) + 1.2 * deepest
+
+
+def test_the_hull_is_entered_and_left_where_rays_meet_it(views):
+    held, train, _ = _split(views)
+    shown = masked_region.shown_by_masks(held, train)
+    for i in range(len(held)):
+        rays, place = masked_region.pixel_directions(held, i)[shown.inside[i]], held.camera_to_world[i][:3, 3]
+        field = hull_of(train)
+        for depth, way in ((shown.start[i], 1), (shown.end[i], -1)):
+            at = depth[shown.inside[i]][:, None]
+            assert (field.plain(place + (at + 0.05 * way) * rays) > 0).mean() > 0.97
+            assert (field.plain(place + (at - 0.05 * way) * rays) < 0).all()
 
 
 def test_some_masks_are_not_enough(views, monkeypatch):
@@ -58,6 +77,6 @@ def test_what_lies_below_the_ground_does_not_count(views):
     held, train, _ = _split(views)
     square = np.array([[-2, -2, 0], [2, -2, 0], [2, 2, 0], [-2, 2, 0]], np.float32)
     ground = Mesh(square, np.array([[0, 1, 2], [0, 2, 3]], np.int32))
-    whole = masked_region.shown_by_masks(held, train)
-    upper = masked_region.shown_by_masks(held, train, ground)
+    whole = masked_region.shown_by_masks(held, train).inside
+    upper = masked_region.shown_by_masks(held, train, ground).inside
     assert 0.2 < (upper & whole).sum() / whole.sum() < 0.95

@@ -58,7 +58,7 @@ def _ball_on_a_disc(views, radius: float = 0.9):
     """True depth [N, H, W] of a ball of radius 0.4 that stands on a disc, and which pixels are the ball's."""
     depth, ball = np.zeros(views.alpha.shape, np.float32), np.zeros(views.alpha.shape, bool)
     for i, pose in enumerate(views.camera_to_world):
-        rays, place = region._rays(views, i), pose[:3, 3]
+        rays, place = region.pixel_directions(views, i), pose[:3, 3]
         square, half = (rays**2).sum(-1), rays @ place
         inner = half**2 - square * (place @ place - 0.16)
         near = np.where(inner > 0, (-half - np.sqrt(np.maximum(inner, 0))) / square, np.inf)
