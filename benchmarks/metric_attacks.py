@@ -1,6 +1,6 @@
 """Attacks on the scores: what deleted faces, a sheet behind the object, a swollen mesh do to every headline figure.
 
-    python -m benchmarks.metric_attacks              # the sample, with its masks and without: true asset, poor asset
+    python -m benchmarks.metric_attacks              # the sample, with all, no and training masks: true asset, poor asset
     python -m benchmarks.metric_attacks SCENE        # another folder in a known layout: the poor asset alone
     python -m benchmarks.metric_attacks SCENE --run RUN   # what a finished run holds at `settle.state`, `pbr.asset`
     python -m benchmarks.metric_attacks --quick      # two views, few attacks
@@ -235,14 +235,20 @@ def _picked(asset: Asset, setting: Setting) -> np.ndarray:
 
 
 def settings_of(test: Views, train: Views, truth: SceneTruth | None, quick: bool) -> list[Setting]:
-    """With masks, where there are any, and without."""
+    """With masks, where there are any, without, and with masks of the training views alone."""
     quality = Quality(directions=32, bounces=0, supersampling=1, specular_samples=2)
     count = 2 if quick else 4
     downscale = 1 if max(test.width, test.height) < 200 else 2
     region = find_region(stripped(test), stripped(train), RegionSettings(downscale=downscale))
     fine = quality.replaced(supersampling=2)
     cases = [Setting("without masks", stripped(test), truth, region, fine, count)]
-    return [Setting("with masks", test, truth, None, quality, count), *cases] if test.has_masks else cases
+    if not test.has_masks:
+        return cases
+    by_hull = find_region(stripped(test), train)
+    return [
+        Setting("with masks", test, truth, None, quality, count), *cases,
+        Setting("training masks", stripped(test), truth, by_hull, fine, count),
+    ]  # fmt: skip
 
 
 def run_attacks(name: str, asset: Asset, setting: Setting, exact: bool, quick: bool) -> list[dict[str, Any]]:

@@ -71,7 +71,7 @@ def find_region(
     if given is not None:
         source, found = "masks", Shown(given, *_box_depths(views, settings))
     elif train is not None and train.has_masks and train.masked.all():
-        source, found = "hull", _by_hull(shown_by_masks(views, train, ground), views, settings)
+        source, found = "hull", _by_hull(views, train, ground, settings)
     else:
         source, found = "depth", _by_depth(views, train, settings)
     inside = found.inside & (found.end > found.start)
@@ -84,13 +84,21 @@ def find_region(
     return Region(views.names, inside, near.astype(np.float32), far.astype(np.float32), source)
 
 
-def _by_hull(shown: Shown, views: Views, settings: RegionSettings) -> Shown:
-    """Surface counts inside the hull or near it: what stands behind it covers nothing."""
-    start, end = shown.start - settings.tolerance, shown.end + settings.tolerance
+def _by_hull(views: Views, train: Views, ground: Mesh | None, settings: RegionSettings) -> Shown:
+    """By the hull of the masks of `train`: surface counts from where a pixel's ray enters it to a little behind the
+    depth that stereo finds inside, as far as it leaves it: what stands behind the object covers nothing."""
+    inside, first, last = shown_by_masks(views, train, ground)
+    slack = settings.tolerance
+    depth = _own_depth(views, train, settings)
+    start, end = first - slack, np.zeros_like(last)
+    for i, seen in enumerate(depth):
+        known = np.where(inside[i] & (seen > first[i] - slack) & (seen < last[i] + slack), seen, 0)
+        far = _interval(known, views, i, slack)[1] if known.any() else np.inf
+        end[i] = np.clip(far, first[i] + slack, last[i] + slack)
     if settings.box is not None:
-        first, last = _box_depths(views, settings)
-        start, end = np.maximum(start, first), np.minimum(end, last)
-    return Shown(shown.inside, start, end)
+        low, high = _box_depths(views, settings)
+        start, end = np.maximum(start, low), np.minimum(end, high)
+    return Shown(inside, start, end)
 
 
 def _by_depth(views: Views, train: Views | None, settings: RegionSettings) -> Shown:

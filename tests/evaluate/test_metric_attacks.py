@@ -1,5 +1,5 @@
-"""No figure gets better by surface that goes, nor by a sheet: the sample with masks and without, the true asset and a
-poor one.
+"""No figure gets better by surface that goes, nor by a sheet: the sample with masks, without, and with masks of the
+training views alone; the true asset and a poor one.
 """
 
 from dataclasses import replace
@@ -30,6 +30,7 @@ from exmesh_graph.types import Region
 
 pytestmark = pytest.mark.thorough  # all of them, for what they share costs most
 
+BARE = ["without masks", "training masks"]  # of the held-out views
 SAMPLE = Path(__file__).parents[2] / "graphs" / "samples" / "spot"
 
 
@@ -49,7 +50,7 @@ def scene():
 
 @pytest.fixture(scope="module")
 def settings(scene):
-    """With masks, and without."""
+    """By name."""
     cases = settings_of(scene[0].test, scene[0].train, scene[0].truth, quick=True)
     return {case.name: replace(case, samples=1000) for case in cases}
 
@@ -77,7 +78,7 @@ def base(assets, settings):
     return of
 
 
-@pytest.mark.parametrize("masks", ["with masks", "without masks"])
+@pytest.mark.parametrize("masks", ["with masks", *BARE])
 @pytest.mark.parametrize("name", ["true", "poor"])
 def test_no_figure_gets_better_by_faces_that_go(assets, settings, base, name, masks):
     asset = assets[name]
@@ -96,7 +97,7 @@ def _in_sight(asset, views, share):
     return away <= np.quantile(away, share)
 
 
-@pytest.mark.parametrize("masks", ["with masks", "without masks"])
+@pytest.mark.parametrize("masks", ["with masks", *BARE])
 @pytest.mark.parametrize(("name", "kind"), [("true", "wall"), ("poor", "floor"), ("poor", "roof out of sight")])
 def test_no_figure_gets_better_by_a_sheet(assets, settings, base, name, kind, masks):
     asset, setting = assets[name], settings[masks]
@@ -104,16 +105,19 @@ def test_no_figure_gets_better_by_a_sheet(assets, settings, base, name, kind, ma
     assert gains(base(name, masks), figures(with_sheet(asset, sheet, setting), setting)) == {}
 
 
-def test_without_masks_no_figure_of_half_an_asset_gets_better_by_a_sheet_behind(assets, settings):
-    setting = settings["without masks"]
+@pytest.mark.parametrize("masks", BARE)
+@pytest.mark.parametrize("kind", ["floor", "wall"])
+def test_no_figure_of_half_an_asset_gets_better_by_a_sheet_behind(assets, settings, kind, masks):
+    setting = settings[masks]
     half = without(assets["poor"], _random(assets["poor"], 0.5, 0))
-    sheet = sheets(half, setting.test)["floor"]
+    sheet = sheets(half, setting.test)[kind]
     assert gains(figures(half, setting), figures(with_sheet(half, sheet, setting), setting)) == {}
 
 
+@pytest.mark.parametrize("masks", BARE)
 @pytest.mark.parametrize("name", ["true", "poor"])
-def test_without_masks_not_even_faces_picked_by_the_photographs_pay(assets, settings, base, name):
-    asset, setting = assets[name], settings["without masks"]
+def test_not_even_faces_picked_by_the_photographs_pay(assets, settings, base, name, masks):
+    asset, setting = assets[name], settings[masks]
     gone = _picked(asset, setting)
     assert 0 < gone.mean() < 0.5
     assert gains(base(name, setting.name), figures(without(asset, gone), setting)) == {}
@@ -136,8 +140,8 @@ def test_without_masks_no_pixel_gets_better_by_what_goes(assets, settings):
         assert np.mean(less.covered) < np.mean(whole.covered)
 
 
-def test_the_region_of_the_stripped_sample_lies_on_the_object(settings):
-    masked, plain = settings["with masks"], settings["without masks"]
-    true, found = masked.test.alpha > 0.5, plain.region.inside
-    assert (found & true).sum() > 0.4 * true.sum()
-    assert (found & ~true).sum() < 0.1 * found.sum()
+@pytest.mark.parametrize(("masks", "share", "beside"), [("without masks", 0.4, 0.1), ("training masks", 0.7, 0.01)])
+def test_the_region_of_the_stripped_sample_lies_on_the_object(settings, masks, share, beside):
+    true, found = settings["with masks"].test.alpha > 0.5, settings[masks].region.inside
+    assert (found & true).sum() > share * true.sum()
+    assert (found & ~true).sum() < beside * found.sum()
