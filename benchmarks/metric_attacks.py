@@ -1,6 +1,6 @@
 """Attacks on the scores: what deleted faces, a sheet behind the object, a swollen mesh do to every headline figure.
 
-    python -m benchmarks.metric_attacks              # the sample, with all, no and training masks: true asset, poor asset
+    python -m benchmarks.metric_attacks              # the sample, with all masks, none, those of training
     python -m benchmarks.metric_attacks SCENE        # another folder in a known layout: the poor asset alone
     python -m benchmarks.metric_attacks SCENE --run RUN   # what a finished run holds at `settle.state`, `pbr.asset`
     python -m benchmarks.metric_attacks --quick      # two views, few attacks

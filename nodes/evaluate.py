@@ -11,7 +11,7 @@ from exmesh_graph.params import Params, param
 from exmesh_graph.types import Asset, Carrier, Mesh, Metrics, Region, SceneTruth, ScoredViews, Views
 
 _DRAWN = ("torch", "warp-lang", "scipy", "OpenImageIO")
-_FOUND = (*_DRAWN, "open3d", "scikit-image")  # where no region is wired in, what evaluate.region finds
+_FOUND = (*_DRAWN, "open3d", "scikit-image", "embreex")  # where no region is wired in, what evaluate.region finds
 TestViews = Annotated[Views, facets(split="test")]
 TrainViews = Annotated[Views, facets(split="train")]
 
@@ -62,9 +62,10 @@ def _mask_files(p: RegionSettings) -> Mapping[str, Path]:
 def region(
     ctx: Context, views: TestViews, train: TrainViews | None = None, ground: Mesh | None = None, *, p: RegionSettings
 ) -> RegionOut:
-    """What counts in held-out views without masks: what shows the hull of the training views' masks (above the
-    `ground`), where they have some, else where their own depth lies in the object's box, or masks for scoring say so.
+    """What counts in held-out views without masks: what shows the hull of the training masks, or their own depth says.
 
+    The hull is that of `train` above the `ground`, where all of `train` have masks; else a pixel counts whose depth lies
+    in the object's box. Masks for scoring only, where they are given, come first.
     Found in photographs alone: the same pixels for all that is scored on a scene. Views that have masks keep to these.
     """
     from exmesh_graph.evaluate.region import find_region
@@ -143,7 +144,7 @@ def round_(
     return MetricsOut(Metrics(values))
 
 
-@node("evaluate.asset", version="1", libraries=(*_FOUND, "embreex"), sources=lpips_weights, resources=ALL_CORES)
+@node("evaluate.asset", version="1", libraries=_FOUND, sources=lpips_weights, resources=ALL_CORES)
 def asset(
     ctx: Context,
     asset: Asset,

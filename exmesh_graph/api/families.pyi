@@ -348,8 +348,8 @@ class _Evaluate(Family):
 
         samples: Points on each surface for the Chamfer distance. [>= 100]
         """
-    def region(self, name: str = "", *, views: Wire[Views] | Node, train: Wire[Views] | Node | None = None, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, masks: str | PathLike[str] | None | Parameter = None, table: Literal["auto", "keep"] | Parameter = "auto", tolerance: float | Parameter = 0.1, incidence: float | Parameter = 80.0, downscale: int | Parameter = 2, neighbours: int | Parameter = 8, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> RegionNode:
-        """What counts in held-out views without masks: where their own depth lies in the object's box, or masks say so.
+    def region(self, name: str = "", *, views: Wire[Views] | Node, train: Wire[Views] | Node | None = None, ground: Wire[Mesh] | Node | None = None, box: tuple[tuple[float, ...] | list[float], ...] | list[tuple[float, ...] | list[float]] | None | Parameter = None, masks: str | PathLike[str] | None | Parameter = None, table: Literal["auto", "keep"] | Parameter = "auto", tolerance: float | Parameter = 0.1, incidence: float | Parameter = 80.0, downscale: int | Parameter = 2, neighbours: int | Parameter = 8, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> RegionNode:
+        """What counts in held-out views without masks: what shows the hull of the training masks, or their own depth says.
 
         box: Two corners, normalised units: only surface inside counts. Default: the sphere around the object.
         masks: Folder of masks for scoring only, named as the held-out views; white counts. Never used by a fit.

@@ -1,10 +1,11 @@
 """What counts in held-out views that have no masks, found in the photographs and in nothing that is to be scored.
 
 A pixel counts where the held-out view's own multi-view depth (`priors.patch_match`, with the training views as its
-neighbours) lies inside the object's box and above the table that it stands on; or where masks of the training views say so
-(`masked_region`), or a mask that was given for scoring only. With each pixel goes the interval of depths in which the
-surface lies, so that a sheet behind the object covers nothing: around its own depth, or inside the masks' hull. With
-masks for scoring it is the box's: what stands in the wrong place shows the wrong colour, as in views with masks.
+neighbours) lies inside the object's box and above the table that it stands on; or where masks of the training views
+say so (`masked_region`), or a mask that was given for scoring only. With each pixel goes the interval of depths in
+which the surface lies, so that a sheet behind the object covers nothing: around its own depth, or from where its ray
+enters the masks' hull. With masks for scoring it is the box's: what stands in the wrong place shows the wrong colour,
+as in views with masks.
 """
 
 from __future__ import annotations

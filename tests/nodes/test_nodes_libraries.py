@@ -33,7 +33,7 @@ UNUSED = {  # imported by a module of the node's code, but by no function that t
     "data.usd": {"scipy"},
     "usd.compose": {"scipy"},
     "gallery.blender": {"embreex", "scipy", "torch", "warp-lang"},
-    "evaluate.round": {"pymeshlab", "open3d", "scikit-image"},
+    "evaluate.round": {"pymeshlab", "open3d", "scikit-image", "embreex"},
     "evaluate.capture": {"pymeshlab", "open3d"},
     "evaluate.mesh": {"pymeshlab", "open3d"},
     "evaluate.stage1": {"pymeshlab"},

@@ -204,7 +204,8 @@ def test_outlines_without_a_common_part_are_told_and_views_go_on(ball, monkeypat
 
 
 def test_found_masks_are_no_input_of_what_is_scored():
-    """Held-out views, the region and the scores come from the photographs as they were loaded."""
+    """Held-out views, the region and the scores come from the photographs as they were loaded, and from masks that a
+    node of its own finds in them: what `masked` is told changes nothing of it."""
     from ruamel.yaml import YAML
 
     import exmesh_graph as ex
@@ -215,8 +216,9 @@ def test_found_masks_are_no_input_of_what_is_scored():
     for name in ("look", "score"):
         assert [str(nodes[name].inputs[port]) for port in ("views", "train")] == ["@views.test", "@views.train"], name
     assert str(nodes["rounds[1].progress"].inputs["views"]) == "@views.test"
-    region = YAML(typ="safe").load((ROOT / "graphs" / "photos.yaml").read_text())["nodes"]["region"]
-    assert (region["views"], region["train"]) == ("@views.test", "@views.train")
+    photos = YAML(typ="safe").load((ROOT / "graphs" / "photos.yaml").read_text())["nodes"]
+    assert (photos["region"]["views"], photos["region"]["train"]) == ("@views.test", "@judged.train")
+    assert photos["judged"] == {"type": "mask.auto", "views": "@views.train", "points": "@views.points"}
 
 
 def test_the_depth_that_stereo_found_goes_on_with_the_views_that_it_belongs_to(ball, monkeypatch):
