@@ -64,9 +64,9 @@ def region(
 ) -> RegionOut:
     """What counts in held-out views without masks: what shows the hull of the training masks, or their own depth says.
 
-    The hull is that of `train` above the `ground`, where all of `train` have masks; else a pixel counts whose depth lies
-    in the object's box. Masks for scoring only, where they are given, come first.
-    Found in photographs alone: the same pixels for all that is scored on a scene. Views that have masks keep to these.
+    The hull is that of `train` above the `ground`, where all of `train` have masks; else a pixel counts whose depth
+    lies in the object's box. Masks for scoring only, where they are given, come first. Found in photographs alone: the
+    same pixels for all that is scored on a scene. Views that have masks keep to these.
     """
     from exmesh_graph.evaluate.region import find_region
     from exmesh_graph.gpu.torch_setup import sharing
