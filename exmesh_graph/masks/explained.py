@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import distance_transform_edt, map_coordinates, uniform_filter
 
+from exmesh_graph.geometry.robust import robust
 from exmesh_graph.gpu.cores import share
 from exmesh_graph.masks.pinhole import pixels_of, rays_of
 from exmesh_graph.types import Views
@@ -50,24 +51,6 @@ def explained(views: Views, depth: np.ndarray, pictures: np.ndarray, outlines: n
         return outline & (uniform_filter(alike, 3, mode="nearest") > 0.5)  # not by chance
 
     return np.stack(share(one, range(len(outlines))))
-
-
-def robust(colours: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(median [P, 3], 1.4826 times the median absolute deviation [P], count [P]) of colours [K, P, 3] that are no NaN.
-
-    NaN where there is none.
-    """
-    count = np.isfinite(colours[..., 0]).sum(axis=0)
-    middle = np.stack([_median(colours[..., c], count) for c in range(3)], axis=-1)
-    return middle, 1.4826 * _median(np.abs(colours - middle).mean(axis=-1), count), count
-
-
-def _median(values: np.ndarray, count: np.ndarray) -> np.ndarray:
-    """Over the first axis [K, P] of the `count` [P] that are no NaN: these are sorted first."""
-    ordered = np.sort(values, axis=0)
-    low, high = (np.clip(row, 0, None)[None] for row in ((count - 1) // 2, count // 2))
-    high = np.minimum(high, len(values) - 1)
-    return (np.take_along_axis(ordered, low, 0)[0] + np.take_along_axis(ordered, high, 0)[0]) / 2
 
 
 def _filled(depth: np.ndarray, outline: np.ndarray) -> np.ndarray | None:

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import binary_dilation, gaussian_filter, map_coordinates
 
+from exmesh_graph.geometry.robust import robust
 from exmesh_graph.gpu.cores import share
 from exmesh_graph.masks.cut import together
-from exmesh_graph.masks.explained import explained, robust
+from exmesh_graph.masks.explained import explained
 from exmesh_graph.masks.pinhole import pixels_of, rays_of
 from exmesh_graph.masks.plane import Plane
 from exmesh_graph.types import DepthMaps, Views

@@ -23,7 +23,7 @@ _LEAST_PIXELS = 4
 _DARK, _BRIGHT = 0.005, 0.97
 """Linear values beyond which a pixel tells nothing of its exposure: black is offset and noise, white is cut off."""
 _LEAST_PATCHES = 12
-_CELLS = 40
+CELLS = 40
 _ROUNDS, _CONVERGED, _SMALL = 50, 1e-4, 0.01
 _NEIGHBOURS = 4
 _MAD = 1.4826  # median absolute deviation to standard deviation, of normal errors
@@ -53,7 +53,7 @@ class Exposures(NamedTuple):
 
 def exposures(views: Views, mesh: Mesh) -> Exposures:
     """The exposures of `views` by what each shows of the surface of `mesh`; a rough one is enough."""
-    values = np.log(patch_colours(reduced(views, factor_for(views, _SIDE, 0)), mesh))
+    values = np.log(patch_colours(reduced_for_patches(views), mesh))
     log_gains, known = separate(values)
     rough = _roughness(log_gains, known, views.camera_to_world[:, :3, 3])
     return Exposures(log_gains, known, rough, _spread(values[known], log_gains[known]))
@@ -65,10 +65,15 @@ def wander(found: Exposures, settings: BalanceSettings) -> tuple[bool, float]:
     return found.rough >= much, much
 
 
+def reduced_for_patches(views: Views) -> Views:
+    """The views at the size at which patches are read."""
+    return reduced(views, factor_for(views, _SIDE, 0))
+
+
 def patch_colours(views: Views, mesh: Mesh) -> np.ndarray:
     """float64 [N, P, 3]: mean linear colour of each patch in each view, NaN where a view does not show it in full light
     on at least four pixels inside its mask."""
-    patch = patches(mesh.vertices, mesh.faces, _CELLS)
+    patch = patches(mesh.vertices, mesh.faces, CELLS)
     count = int(patch.max()) + 1
     colours = np.full((len(views), count, 3), np.nan)
     for i in range(len(views)):
@@ -86,18 +91,18 @@ def patch_colours(views: Views, mesh: Mesh) -> np.ndarray:
 
 
 def separate(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(log gains float64 [N, 3], known bool [N]) of `values` [N, P, 3], logarithms, NaN where a view does not show a
+    """(log gains float64 [N, C], known bool [N]) of `values` [N, P, C], logarithms, NaN where a view does not show a
     patch: the least sum of absolute errors, by least squares with weights made anew (Weiszfeld)."""
     shared = np.isfinite(values[..., 0])
     shared &= shared.sum(0) >= 2
     known = shared.sum(1) >= _LEAST_PATCHES
-    gains = np.zeros((len(values), 3))
+    gains = np.zeros((len(values), values.shape[-1]))
     if known.sum() < 2:
         return gains, np.zeros(len(values), bool)
     shared = shared[known]
     used = shared.sum(0) >= 2
     shared, kept = shared[:, used], values[known][:, used]
-    for c in range(3):
+    for c in range(values.shape[-1]):
         value = np.where(shared, kept[..., c], 0.0)
         weight, found = shared.astype(np.float64), np.zeros(len(value))
         for _ in range(_ROUNDS):

@@ -14,6 +14,7 @@ from exmesh_graph.errors import DataError, GeometryError, NumericsError
 from exmesh_graph.optim import EPSILON, SECOND, adam_step, decayed, view_at
 from exmesh_graph.stage1.appearance.model import AppearanceModel, Surface
 from exmesh_graph.stage1.diagnose import diagnose
+from exmesh_graph.stage1.gloss import firmness
 from exmesh_graph.stage1.regularise import PreparedSmoothness, Smoothness, mean_edge
 from exmesh_graph.stage1.render import draw, painter_of, surface_of
 from exmesh_graph.stage1.settings import RefineSettings
@@ -77,7 +78,10 @@ def refine(
     targets = prepare_targets(
         views, downscale=settings.downscale, depths=depths, region=region, device=device, memory_gib=settings.memory_gib
     )
-    loop = _Loop(state, targets, settings, smoothness or Bilaplacian(), seed, where, device, appearance)
+    firm = None
+    if settings.gloss_firmness > 0 and settings.iterations > 0 and appearance is None:
+        firm = torch.from_numpy(firmness(views, state, settings.gloss_firmness)).to(device)
+    loop = _Loop(state, targets, settings, smoothness or Bilaplacian(), seed, where, device, appearance, firm)
     new, history = loop.run(progress, checkpoint, resumed)
     if appearance is None and settings.iterations > 0 and new.iteration >= _LAST * settings.total_iterations:
         history |= diagnose(surface_of(new, device), targets, gains=settings.gains)
@@ -111,6 +115,7 @@ class _Loop:
         where: str,
         device: torch.device | str,
         appearance: AppearanceModel | None = None,
+        firm: torch.Tensor | None = None,
     ) -> None:
         self.state, self.targets, self.settings, self.seed, self.where = state, targets, settings, seed, where
         self.surface: Surface = surface_of(state, device)
@@ -132,7 +137,8 @@ class _Loop:
         # what one pixel's L1 puts on the texel it shows
         self.pixel_gradient = 1 / (3 * targets.height * targets.width)
         self.painter = painter_of(self.surface, targets.height, targets.width)
-        self.terms = Terms(self.surface, targets, settings, smoothness, fused=self.painter is not None)
+        fused = self.painter is not None
+        self.terms = Terms(self.surface, targets, settings, smoothness, fused=fused, firmness=firm)
         self.held: torch.Tensor | None = None
         filtered = self.terms.smoothness is not None and self.terms.smoothness.filter is not None
         if settings.hold_unseen and settings.iterations > 0 and not filtered:  # a filter takes all along by itself

@@ -55,6 +55,11 @@ def weighted(kind: Kind, weight: float, vertices: torch.Tensor, edges: torch.Ten
     return PreparedSmoothness(lambda moved: weight * smoothness(moved, of, kind))
 
 
+def pulled(vertices: torch.Tensor, firmness: torch.Tensor) -> torch.Tensor:
+    """The vertices [V, 3] as they are, each with `firmness` [V] times the gradient that comes back to them."""
+    return _Pulled.apply(vertices, firmness)
+
+
 class Smoother(NamedTuple):
     """What the regularisers need of a topology: sparse U and its transpose, the edges, l, and on a CPU each vertex's
     neighbours."""
@@ -115,6 +120,17 @@ def _csr(matrix: torch.Tensor) -> torch.Tensor:
         # torch announces on the first CSR tensor that the layout is in beta
         warnings.filterwarnings("ignore", message=".*Sparse CSR.*")
         return matrix.to_sparse_csr()
+
+
+class _Pulled(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, vertices, firmness):
+        ctx.firmness = firmness
+        return vertices.view_as(vertices)
+
+    @staticmethod
+    def backward(ctx, grad):
+        return grad * ctx.firmness[:, None], None
 
 
 class _Multiply(torch.autograd.Function):

@@ -32,6 +32,13 @@ class RefineSettings(Params):
         doc="Without masks: vertices whose gradients are below this share of the median's take shorter steps. Where "
         "pictures are silent (blown out, dark, unpainted) Adam makes full steps of what little they say. 0: does not.",
     )
+    gloss_firmness: float = param(
+        0.0,
+        ge=0,
+        unit="per stop",
+        doc="How much firmer the surface is where it shines: smoothness pulls 1 + this times as much for each stop, up "
+        "to one, by which its brightness changes from view to view. Highlights that wander else end as dents. 0: alike.",
+    )
     texture_lr: float = param(0.02, ge=0, le=1, doc="Step of a texel at the start, in sRGB-encoded units.")
     texture_decay: float = param(0.05, gt=0, le=1, doc="A texel's step ends at this share of its start.")
     ssim_weight: float = param(

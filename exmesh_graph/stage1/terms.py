@@ -18,7 +18,7 @@ from exmesh_graph.raster import barycentrics
 from exmesh_graph.stage1.appearance.model import Surface
 from exmesh_graph.stage1.facing import behind
 from exmesh_graph.stage1.image_terms import ImageTerms
-from exmesh_graph.stage1.regularise import REFERENCE_DECAY, Smoother, Smoothness, deviation, mean_edge, smoother
+from exmesh_graph.stage1.regularise import REFERENCE_DECAY, Smoother, Smoothness, deviation, mean_edge, pulled, smoother
 from exmesh_graph.stage1.render import Picture, draw
 from exmesh_graph.stage1.settings import RefineSettings
 from exmesh_graph.targets import Gains, Targets
@@ -35,11 +35,16 @@ class Terms:
         smoothness: Smoothness,
         *,
         fused: bool = False,
+        firmness: torch.Tensor | None = None,
     ) -> None:
-        """`fused`: image terms of the usual kind come with one gradient for their sum (`image_terms`)."""
+        """`fused`: image terms of the usual kind come with one gradient for their sum (`image_terms`).
+
+        firmness  float [V]: by how much more the smoothness pulls at each vertex
+        """
         usual = settings.silhouette == "l1" and targets.inside is None and not settings.gains
         on_cpu = targets.device.type == "cpu"
         self.fused = ImageTerms(targets, settings) if fused and usual and on_cpu else None
+        self.firmness = firmness
         self.targets, self.settings, self.faces = targets, settings, surface.faces
         vertices = surface.vertices.detach()
         self.smoothness = smoothness.prepare(
@@ -72,7 +77,8 @@ class Terms:
         if self.targets.depth is not None and settings.depth_weight > 0:
             terms["depth"] = settings.depth_weight * self._depth(view, picture)
         if self.smoothness is not None and self.smoothness.loss is not None:
-            terms["smoothness"] = self.smoothness.loss(vertices)
+            even = vertices if self.firmness is None else pulled(vertices, self.firmness)
+            terms["smoothness"] = self.smoothness.loss(even)
         if self.smoother is not None and self.reference is not None:
             terms["deviation"] = settings.deviation_weight * deviation(vertices, self.reference, self.smoother)
         if self.closed:
