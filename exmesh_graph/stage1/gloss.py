@@ -22,13 +22,13 @@ _BESIDE, _NEAR = 3, 24
 _MEDIAN = np.pi / 2
 """Of normal errors: the variance of a median over that of a mean."""
 
-_MOST = 1.0
-"""Stops from which on a surface is as firm as it gets."""
+_FROM, _TO = 0.15, 0.65
+"""Stops from which on a surface is firmer, and from which on it is as firm as it gets."""
 
 
-def firmness(views: Views, mesh: Mesh, by_stop: float) -> np.ndarray:
-    """float32 [V]: 1 where the surface is matt, and `by_stop` more for each stop of its `gloss`, up to one."""
-    return (1 + by_stop * np.minimum(gloss(views, mesh), _MOST)).astype(np.float32)
+def firmness(views: Views, mesh: Mesh, most: float) -> np.ndarray:
+    """float32 [V]: 1 where the surface is matt, growing with its `gloss` to 1 + `most`."""
+    return (1 + most * np.clip((gloss(views, mesh) - _FROM) / (_TO - _FROM), 0, 1)).astype(np.float32)
 
 
 def gloss(views: Views, mesh: Mesh) -> np.ndarray:

@@ -35,9 +35,9 @@ class RefineSettings(Params):
     gloss_firmness: float = param(
         0.0,
         ge=0,
-        unit="per stop",
-        doc="How much firmer the surface is where it shines: smoothness pulls 1 + this times as much for each stop, up "
-        "to one, by which its brightness changes from view to view. Highlights that wander else end as dents. 0: alike.",
+        doc="How much firmer the surface is where it shines: smoothness pulls up to 1 + this times as much where its "
+        "brightness changes from view to view (by 0.65 stops; from 0.15 on). Highlights that wander else end as dents. "
+        "0: alike everywhere.",
     )
     texture_lr: float = param(0.02, ge=0, le=1, doc="Step of a texel at the start, in sRGB-encoded units.")
     texture_decay: float = param(0.05, gt=0, le=1, doc="A texel's step ends at this share of its start.")

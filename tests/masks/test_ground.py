@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from mask_scenes import GROUND, disc, overlap_of
 from scipy.ndimage import binary_dilation, binary_erosion
 
-from exmesh_graph.masks.cut import together
 from exmesh_graph.geometry.robust import robust
+from exmesh_graph.masks.cut import together
 from exmesh_graph.masks.explained import explained
 from exmesh_graph.masks.ground import Table, chances, ground_of, table_shown
 from exmesh_graph.masks.outlines import masks_of_surface
