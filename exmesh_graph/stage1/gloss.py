@@ -38,25 +38,34 @@ def gloss(views: Views, mesh: Mesh) -> np.ndarray:
     brightness = np.log2(patch_colours(reduced_for_patches(views), mesh).mean(-1, keepdims=True))
     stops, known = separate(brightness)
     level, spread, shown = robust((brightness - stops[:, None])[known])
-    told = shown >= _VIEWS
-
     patch = patches(mesh.vertices, faces, CELLS)
     middle = np.asarray(mesh.vertices, np.float64)[faces].mean(1)
-    size = np.bincount(patch, minlength=len(told))
+    size = np.bincount(patch, minlength=len(shown))
     centres = np.stack([np.bincount(patch, middle[:, axis]) / size for axis in range(3)], axis=1)
     reach = _REACH / CELLS * float(np.ptp(middle, axis=0).max(initial=0))
-    found = np.zeros(len(told))
-    if told.sum() >= _BESIDE:
-        away, near = cKDTree(centres[told]).query(centres, k=min(_NEAR, int(told.sum())), distance_upper_bound=reach)
-        there, near = np.isfinite(away), np.where(np.isfinite(away), near, 0)
-        count = there.sum(1)
-        at = [np.where(there, values[told][near], np.nan) for values in (level[:, 0], spread, 1 / np.maximum(shown, 1))]
-        beside = count >= _BESIDE
-        mean = np.nansum(at[0], axis=1) / np.maximum(count, 1)
-        paint = np.nansum((at[0] - mean[:, None]) ** 2, axis=1) / np.maximum(count, 1)
-        own = robust(at[1].T[..., None])[0][:, 0] ** 2
-        paint -= own * _MEDIAN * np.nansum(at[2], axis=1) / np.maximum(count, 1)
-        found[beside] = np.sqrt(np.maximum(own - np.maximum(paint, 0), 0))[beside]
+    found = without_paint(centres, level[:, 0], spread, shown, reach)
     vertices = len(mesh.vertices)
     total = np.bincount(faces.ravel(), np.repeat(found[patch], 3), minlength=vertices)
     return total / np.maximum(np.bincount(faces.ravel(), minlength=vertices), 1)
+
+
+def without_paint(
+    centres: np.ndarray, level: np.ndarray, spread: np.ndarray, shown: np.ndarray, reach: float
+) -> np.ndarray:
+    """float64 [P], in stops: the median `spread` of the patches within `reach` of each one's centre, less the deviation
+    of their `level` from one another beyond its own error, as variances; 0 where fewer than three can tell.
+
+    centres [P, 3]; level, spread [P]: median and deviation over the `shown` [P] views of a patch; where these are fewer
+    than five the patch tells nothing
+    """
+    told = np.flatnonzero(shown >= _VIEWS)
+    if len(told) < _BESIDE:
+        return np.zeros(len(centres))
+    away, near = cKDTree(centres[told]).query(centres, k=min(_NEAR, len(told)), distance_upper_bound=reach)
+    there = np.isfinite(away)
+    near, count = told[np.where(there, near, 0)], there.sum(1)
+    weight = there / np.maximum(count, 1)[:, None]
+    own = robust(np.where(there, spread[near], np.nan).T[..., None])[0][:, 0] ** 2
+    mean = (weight * level[near]).sum(1, keepdims=True)
+    paint = (weight * (level[near] - mean) ** 2).sum(1) - own * _MEDIAN * (weight / shown[near]).sum(1)
+    return np.where(count >= _BESIDE, np.sqrt(np.maximum(own - np.maximum(paint, 0), 0)), 0.0)

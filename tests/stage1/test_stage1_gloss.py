@@ -10,7 +10,7 @@ import torch
 from stage1_scenes import fresh_state, grid_ball, photographs, texture
 
 from exmesh_graph.raster import edge_table
-from exmesh_graph.stage1.gloss import firmness, gloss
+from exmesh_graph.stage1.gloss import firmness, gloss, without_paint
 from exmesh_graph.stage1.refine import refine
 from exmesh_graph.stage1.regularise import pulled, weighted
 from exmesh_graph.stage1.settings import RefineSettings
@@ -75,6 +75,24 @@ def test_few_views_tell_nothing(views):
     few = shining_above(views, 1.0).subset(range(4))
     assert not gloss(few, ball()).any()
     assert (firmness(few, ball(), 36) == 1).all()
+
+
+def test_paint_is_taken_off_patch_by_patch():
+    """Against a loop over all patches; few enough are near to each that none is left out."""
+    rng = np.random.default_rng(3)
+    centres, level, spread = rng.random((60, 3)), rng.normal(size=60), rng.random(60)
+    shown = rng.integers(0, 12, 60)
+    level[shown == 0] = spread[shown == 0] = np.nan
+    expected = np.zeros(60)
+    for i in range(60):
+        near = (np.linalg.norm(centres - centres[i], axis=1) < 0.3) & (shown >= 5)
+        if near.sum() >= 3:
+            own = np.median(spread[near]) ** 2
+            paint = level[near].var() - own * np.pi / 2 * np.mean(1 / shown[near])
+            expected[i] = np.sqrt(max(own - max(paint, 0), 0))
+    assert (expected > 0).sum() > 5
+    np.testing.assert_allclose(without_paint(centres, level, spread, shown, 0.3), expected, atol=1e-12)
+    assert not without_paint(centres, level, spread, np.minimum(shown, 4), 0.3).any()
 
 
 def test_smoothness_pulls_so_many_times_as_much():
