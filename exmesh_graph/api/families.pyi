@@ -762,7 +762,7 @@ class _Stage1(Family):
         vertex_decay: A vertex's step ends at this share of its start. [> 0, <= 1]
         vertex_hold: Of the schedule, how long a vertex's step stays as long as at the start. [>= 0, < 1]
         evidence: Without masks: vertices whose gradients are below this share of the median's take shorter steps. Where pictures are silent (blown out, dark, unpainted) Adam makes full steps of what little they say. 0: does not. [of the median, >= 0]
-        gloss_firmness: How much firmer the surface is where it shines: smoothness pulls up to 1 + this times as much where its brightness changes from view to view (by 0.65 stops; from 0.15 on). Highlights that wander else end as dents. 0: alike everywhere. [>= 0]
+        gloss_firmness: How much firmer the surface is where it shines: smoothness pulls up to 1 + this times as much where its brightness changes from view to view (by 0.4 stops; from 0.15 on). Highlights that wander else end as dents. 0: alike everywhere. [>= 0]
         texture_lr: Step of a texel at the start, in sRGB-encoded units. [>= 0, <= 1]
         texture_decay: A texel's step ends at this share of its start. [> 0, <= 1]
         ssim_weight: Share of D-SSIM, (1 - SSIM) / 2, in the colour loss (lambda_ssim). [>= 0, <= 1]

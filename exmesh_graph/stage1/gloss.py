@@ -22,7 +22,7 @@ _BESIDE, _NEAR = 3, 24
 _MEDIAN = np.pi / 2
 """Of normal errors: the variance of a median over that of a mean."""
 
-_FROM, _TO = 0.15, 0.65
+_FROM, _TO = 0.15, 0.4
 """Stops from which on a surface is firmer, and from which on it is as firm as it gets."""
 
 

@@ -36,7 +36,7 @@ class RefineSettings(Params):
         0.0,
         ge=0,
         doc="How much firmer the surface is where it shines: smoothness pulls up to 1 + this times as much where its "
-        "brightness changes from view to view (by 0.65 stops; from 0.15 on). Highlights that wander else end as dents. "
+        "brightness changes from view to view (by 0.4 stops; from 0.15 on). Highlights that wander else end as dents. "
         "0: alike everywhere.",
     )
     texture_lr: float = param(0.02, ge=0, le=1, doc="Step of a texel at the start, in sRGB-encoded units.")

@@ -55,7 +55,7 @@ def test_gloss_is_found_where_brightness_changes_from_view_to_view(views):
     assert np.median(found[height < -0.25]) < 0.05
     firm = firmness(shining_above(views, 1.0), ball(), 36)
     assert firm.dtype == np.float32
-    np.testing.assert_allclose(firm, 1 + 36 * ((found - 0.15) / 0.5).clip(0, 1), rtol=1e-6)
+    np.testing.assert_allclose(firm, 1 + 36 * ((found - 0.15) / 0.25).clip(0, 1), rtol=1e-6)
 
 
 def test_exposures_are_no_gloss(views):
