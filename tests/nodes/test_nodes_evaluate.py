@@ -254,7 +254,7 @@ def test_without_masks_the_training_views_help_to_find_what_counts(scene, contex
     """One held-out view alone has no parallax; with the others it has."""
     asked = []
 
-    def find(views, train, settings):
+    def find(views, train, settings, ground):
         asked.append(train)
         shape = views.alpha.shape
         return Region(views.names, np.ones(shape, bool), np.zeros(shape, np.float32), np.full(shape, 9, np.float32))
