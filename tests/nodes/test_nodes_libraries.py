@@ -50,6 +50,7 @@ UNUSED = {  # imported by a module of the node's code, but by no function that t
     "init.tsdf": {"pymeshlab"},
     "init.visual_hull": {"open3d", "pymeshlab"},
     "stage2.init": {"scipy", "warp-lang"},
+    "stage3.refine": {"OpenImageIO"},
     "prior.depth_anything": {"warp-lang"},
     "regulariser.bilaplacian": {"scipy"},
     "regulariser.laplacian": {"scipy"},
