@@ -12,9 +12,12 @@ from exmesh_graph.geometry.grounded import Grounded
 from exmesh_graph.geometry.hull import SilhouetteField, reduced_mask, visual_hull
 from exmesh_graph.masks.drawn import drawn_outlines
 from exmesh_graph.masks.edges import on_edges
+from exmesh_graph.masks.explained import explained
+from exmesh_graph.masks.gaps import seen_through
 from exmesh_graph.masks.ground import Table
 from exmesh_graph.masks.grown import maybe_shown
 from exmesh_graph.masks.outlines import looked_at, masks_of_surface, table_chance
+from exmesh_graph.masks.pinhole import thinned
 from exmesh_graph.masks.settings import AgreementSettings, CutSettings
 from exmesh_graph.types import Views
 
@@ -25,6 +28,8 @@ _ROOM = 0.2
 _TURNS = 12  # after the first, at most
 _GROWS = 0.02  # of a mask in a turn
 _WORSE, _WELL = 0.05, 0.97  # of `edges.on_edges`: leaked, and good enough
+_GAPS, _MANY = 0.01, 0.5  # of a mask, and of the views: fewer gaps are left alone
+_GAPS_OUTVOTED = 0.12  # of the views: a rod that some take for a gap stays
 _PARTS = None, 0.02, 0.05  # of what lies far beside a mask, which may be the object's; None: that is not asked
 
 
@@ -60,8 +65,9 @@ def agreed_masks(
     outvoted, so that views mend each other. Further turns follow while masks grow, and those masks are taken whose
     outlines lie best on edges of the pictures (`edges`), as those that have leaked into what lies around do not. Where
     masks no longer grow and some of their outlines lie on no edge, colours are compared with what lies far beside them
-    as well. A mask of the first turn that the hull does not cover is contradicted, and so is one that is another than
-    their own hull. `table` as for `masks_of_surface`.
+    as well. Last, narrow gaps that masks fill are opened, where outlines then lie better. A mask of the first turn that
+    the hull does not cover is contradicted, and so is one that is another than their own hull. `table` as for
+    `masks_of_surface`; without one, gaps are not looked for.
     """
     first = masks_of_surface(views, vertices, faces, cutting, table=table, progress=_turn(progress, 0, len(views)))
     seen = first.mean(axis=(1, 2)) >= _SEEN
@@ -97,8 +103,12 @@ def _mended(
     much the hull of that turn covers; points around the last hull)."""
     finer = cutting.replaced(band=max(1.0, cutting.band / 2))
     shown, factor = looked_at(views, cutting)[1:]
+
+    def clearness(found: np.ndarray) -> float:
+        return on_edges(shown, np.stack([reduced_mask(mask, factor) >= 0.5 for mask in found]))
+
     masks, kept, near = first, np.ones(int(seen.sum())), vertices
-    best, here, chosen, parts = -1.0, -1.0, first, list(_PARTS)
+    best, here, chosen, parts, told = -1.0, -1.0, first, list(_PARTS), None
     for turn in range(1, 1 + _TURNS):
         try:
             hull = _grown(views, seen, masks, near, cutting, table, parts[0])
@@ -111,7 +121,7 @@ def _mended(
         last, told = masks, _turn(progress, turn, len(views))
         masks = masks_of_surface(views, *hull, finer, table=table, progress=told)
         masks[~seen] = False
-        clear = on_edges(shown, np.stack([reduced_mask(mask, factor) >= 0.5 for mask in masks]))
+        clear = clearness(masks)
         if clear > best:
             best, chosen, kept = clear, masks, covers
         here = max(here, clear)
@@ -122,7 +132,37 @@ def _mended(
                 break
             if parts.pop(0) is None:  # the other way from the start: what one way has found bends the other
                 masks, near, here = first, vertices, -1.0
+    opened = None if table is None else _opened(views, seen, chosen, near, finer, table, told)
+    if opened is not None and clearness(opened) > best:
+        chosen = opened
     return chosen, kept, near
+
+
+def _opened(
+    views: Views,
+    seen: np.ndarray,
+    masks: np.ndarray,
+    near: np.ndarray,
+    finer: CutSettings,
+    table: Table,
+    progress: Callable[[int, int], None] | None,
+) -> np.ndarray | None:
+    """The masks without the narrow gaps that they fill (`gaps`), bool [N, H, W]; None where few views have some.
+
+    What several views call a gap is taken out of the hull, which is cut once more, inside the masks.
+    """
+    small, shown, factor = looked_at(views, finer)
+    reduced = np.stack([reduced_mask(mask, factor) >= 0.5 for mask in masks])
+    depth = thinned(table.depths.depth, (small.height, small.width), factor)
+    gaps = seen_through(shown, reduced, explained(small, depth, shown, reduced))
+    some = gaps[seen].sum(axis=(1, 2)) > _GAPS * reduced[seen].sum(axis=(1, 2))
+    if some.mean() < _MANY:
+        return None
+    try:
+        hull = common_shape(small.subset(np.flatnonzero(seen)), (reduced & ~gaps)[seen], near, table, _GAPS_OUTVOTED)
+    except (DataError, GeometryError):
+        return None
+    return masks & masks_of_surface(views, *hull, finer, table=table, progress=progress)
 
 
 def _grown(
@@ -144,14 +184,14 @@ def _grown(
 
 
 def common_shape(
-    views: Views, masks: np.ndarray, near: np.ndarray, table: Table | None = None
+    views: Views, masks: np.ndarray, near: np.ndarray, table: Table | None = None, outvoted: float = _OUTVOTED
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The visual hull (vertices, faces) of bool [N, H, W], one view of twenty outvoted, around points `near` [P, 3] and
-    above the `table`.
+    """The visual hull (vertices, faces) of bool [N, H, W], around points `near` [P, 3] and above the `table`; the share
+    `outvoted` of the views may be.
 
     Raises DataError where the masks have no common part there.
     """
-    wrong = min(max(1, round(_OUTVOTED * len(views))), len(views) - 1)
+    wrong = min(max(1, round(outvoted * len(views))), len(views) - 1)
     cameras = views.intrinsics, views.world_to_camera
     field = SilhouetteField.from_masks(masks, *cameras, wrong_masks=wrong, names=views.names)
     if table is not None:

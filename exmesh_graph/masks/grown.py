@@ -50,7 +50,7 @@ def maybe_shown(
     table  [N, H, W] in (0, 1): how likely a pixel shows the table, as of `cut.moved_to_edges`
     part   of the ring far beyond, which may be the object's all the same; None: that ring is not asked
     """
-    labs = np.stack(share(_lab, shown))
+    labs = np.stack(share(lab_of, shown))
     own = np.stack([binary_erosion(mask, iterations=_RIM) for mask in masks])
     pool = labs[own]
     pool = pool[np.random.default_rng(seed).permutation(len(pool))[:_SAMPLES]]
@@ -71,7 +71,8 @@ def maybe_shown(
     return np.stack(share(one, range(len(masks))))
 
 
-def _lab(picture: np.ndarray) -> np.ndarray:
+def lab_of(picture: np.ndarray) -> np.ndarray:
+    """float32 [H, W, 3], CIELAB of display colour."""
     return rgb2lab(np.clip(picture, 0, 1)).astype(np.float32)
 
 
@@ -105,6 +106,24 @@ def _colour(
     near = np.minimum(_off(cKDTree(here), colours), _off(cKDTree(elsewhere), colours) + _ELSEWHERE)
     far = _off(out, colours, few)
     return (far + 1e-2) / (near + far + 2e-2)
+
+
+def colours_nearer(
+    lab: np.ndarray, own: np.ndarray, pool: np.ndarray, mask: np.ndarray, asked: np.ndarray, reaches: float
+) -> np.ndarray | None:
+    """float64 [P], for the pixels `asked` bool [H, W]: 1 where the colour is that of what lies around the `mask`, so
+    many reaches far, 0 where it is that of the view's `own` pixels or of the `pool` [Q, 3]. None where there is nothing
+    to compare with."""
+    reach = max(_LEAST_REACH, _REACH * float(np.sqrt(mask.sum())))
+    away = distance_transform_edt(~mask)
+    around = (away > _RIM) & (away <= reaches * reach)
+    if not asked.any() or min(own.sum(), around.sum()) < _FEWEST:
+        return None
+    colours = lab[asked]
+    out, here, elsewhere = (cKDTree(_some(some, _SAMPLES)) for some in (lab[around], lab[own], pool))
+    near = np.minimum(_off(here, colours), _off(elsewhere, colours) + _ELSEWHERE)
+    far = _off(out, colours)
+    return (near + 1e-2) / (near + far + 2e-2)
 
 
 def _some(colours: np.ndarray, count: int) -> np.ndarray:
