@@ -126,13 +126,13 @@ class AutoOut(NamedTuple):
     ground: Mesh | None  # a square of what the object stands on, facing up; absent where masks took none away
 
 
-@node("mask.auto", version="4", libraries=_STEREO)
+@node("mask.auto", version="5", libraries=_STEREO)
 def auto(ctx: Context, views: Train, points: PointCloud | None = None, *, p: AutoParams) -> AutoOut:
     """Masks for photographs that have none, where an object stands apart, and a check of them.
 
-    By init.object and mask.from_surface, and then by the colours of all views, for what stereo lost. The masks must
-    have one common shape. Where a check fails the views go on as they came, and `decisions` says by which figures; so
-    do views that have masks.
+    By init.object and mask.from_surface, then by the colours of all views, for what stereo lost and for narrow gaps
+    that it filled. The masks must have one common shape. Where a check fails the views go on as they came, and
+    `decisions` says by which figures; so do views that have masks.
     """
     from exmesh_graph.masks.decide import given_row, off_row
 

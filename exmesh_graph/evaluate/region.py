@@ -57,13 +57,12 @@ def find_region(
 ) -> Region:
     """The region of held-out `views` without masks; `train` are other photographs of the same scene.
 
-    Where all of `train` have masks, a pixel counts that shows the hull of these above the `ground`. Else, without
-    `settings.masks`, a pixel counts whose depth two neighbouring views confirm, that has structure of its own,
-    is not seen at a grazing angle and lies inside the unit sphere (the object, as the loader found it) and the box, and
-    not in or below the plane that the object stands on, where there is one that goes on beside it (`settings.table`).
-    Small holes are closed, a rim of a few pixels is pared. With masks, of the settings or the views' own, their white
-    pixels count. Raises DataError for no two views, for masks that are missing or of another size, and where no pixel
-    counts.
+    With masks, of the settings or the views' own, their white pixels count. Else, where all of `train` have masks, a
+    pixel counts that shows the hull of these above the `ground`. Else a pixel counts whose depth two neighbouring views
+    confirm, that has structure of its own, is not seen at a grazing angle and lies inside the unit sphere (the object,
+    as the loader found it) and the box, and not in or below the plane that the object stands on, where there is one
+    that goes on beside it (`settings.table`). Small holes are closed, a rim of a few pixels is pared. Raises DataError
+    for no two views, for masks that are missing, of another size or without a common shape, and where no pixel counts.
     """
     settings = settings or RegionSettings()
     given = None if settings.masks is None else _read_masks(settings.masks, views)
@@ -77,10 +76,14 @@ def find_region(
         source, found = "depth", _by_depth(views, train, settings)
     inside = found.inside & (found.end > found.start)
     if not inside.any():
-        why = {"depth": "their depth was not found", "hull": "they show nothing of the hull of the training masks",
-               "masks": "the masks are black, or what they show lies outside the box"}  # fmt: skip
-        raise DataError(f"no pixel of the held-out views counts: {why[source]}", where="evaluate.region",
-                        fix="wire the training views to `train`, try another `downscale`, or give `masks`")  # fmt: skip
+        why, fix = {
+            "depth": ("their depth was not found", "wire the training views to `train`, try another `downscale`, or "
+                      "give `masks`"),
+            "hull": ("they show nothing of the hull of the training masks", "look at the masks of `train`, or give "
+                     "`masks`"),
+            "masks": ("the masks are black, or what they show lies outside the box", "mend the masks, or widen `box`"),
+        }[source]  # fmt: skip
+        raise DataError(f"no pixel of the held-out views counts: {why}", where="evaluate.region", fix=fix)
     near, far = np.where(inside, found.start, 0), np.where(inside, found.end, 0)
     return Region(views.names, inside, near.astype(np.float32), far.astype(np.float32), source)
 

@@ -147,7 +147,8 @@ def _opened(
     table: Table,
     progress: Callable[[int, int], None] | None,
 ) -> np.ndarray | None:
-    """The masks without the narrow gaps that they fill (`gaps`), bool [N, H, W]; None where few views have some.
+    """The masks without the narrow gaps that they fill (`gaps`), bool [N, H, W]; None where few views have some, and
+    where what is left without them has no common shape.
 
     What several views call a gap is taken out of the hull, which is cut once more, inside the masks.
     """

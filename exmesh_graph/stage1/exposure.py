@@ -53,7 +53,7 @@ class Exposures(NamedTuple):
 
 def exposures(views: Views, mesh: Mesh) -> Exposures:
     """The exposures of `views` by what each shows of the surface of `mesh`; a rough one is enough."""
-    values = np.log(patch_colours(reduced_for_patches(views), mesh))
+    values = np.log(patch_colours(views, mesh))
     log_gains, known = separate(values)
     rough = _roughness(log_gains, known, views.camera_to_world[:, :3, 3])
     return Exposures(log_gains, known, rough, _spread(values[known], log_gains[known]))
@@ -65,14 +65,10 @@ def wander(found: Exposures, settings: BalanceSettings) -> tuple[bool, float]:
     return found.rough >= much, much
 
 
-def reduced_for_patches(views: Views) -> Views:
-    """The views at the size at which patches are read."""
-    return reduced(views, factor_for(views, _SIDE, 0))
-
-
 def patch_colours(views: Views, mesh: Mesh) -> np.ndarray:
     """float64 [N, P, 3]: mean linear colour of each patch in each view, NaN where a view does not show it in full light
-    on at least four pixels inside its mask."""
+    on at least four pixels, of reduced pictures, inside its mask."""
+    views = reduced(views, factor_for(views, _SIDE, 0))
     patch = patches(mesh.vertices, mesh.faces, CELLS)
     count = int(patch.max()) + 1
     colours = np.full((len(views), count, 3), np.nan)

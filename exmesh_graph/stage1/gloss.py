@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from exmesh_graph.geometry.patches import patches
 from exmesh_graph.geometry.robust import robust
-from exmesh_graph.stage1.exposure import CELLS, patch_colours, reduced_for_patches, separate
+from exmesh_graph.stage1.exposure import CELLS, patch_colours, separate
 from exmesh_graph.types import Mesh, Views
 
 _VIEWS = 5
@@ -35,7 +35,7 @@ def gloss(views: Views, mesh: Mesh) -> np.ndarray:
     """float64 [V], in stops: the robust standard deviation over the views of the brightness around each vertex,
     exposures taken out, without what the surface around it differs by; 0 where too few views show it."""
     faces = np.asarray(mesh.faces)
-    brightness = np.log2(patch_colours(reduced_for_patches(views), mesh).mean(-1, keepdims=True))
+    brightness = np.log2(patch_colours(views, mesh).mean(-1, keepdims=True))
     stops, known = separate(brightness)
     level, spread, shown = robust((brightness - stops[:, None])[known])
     patch = patches(mesh.vertices, faces, CELLS)
