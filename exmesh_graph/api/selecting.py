@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 from exmesh_graph.api.arguments import node_names
@@ -45,14 +45,16 @@ def selected(checked: Checked, nodes: Names = None, force: Names = None, start: 
 
 
 def matching(checked: Checked, names: Names) -> list[str]:
-    """The nodes that names mean: `*` stands for anything, a name without rounds for all rounds of a node.
+    """The nodes that names mean: `*` stands for anything, a name without rounds for all rounds of a node, and the name
+    of a repeat or a subgraph for all nodes in it.
 
     Raises GraphError with the nearest names where a graph has none.
     """
     found: dict[str, None] = {}
     plain: dict[str, list[str]] = {}
     for name in checked.nodes:
-        plain.setdefault(without_rounds(name), []).append(name)
+        for known in dict.fromkeys((without_rounds(name), *_around(name))):
+            plain.setdefault(known, []).append(name)
     for given in node_names(names):
         if given in checked.nodes:
             found[given] = None
@@ -65,6 +67,13 @@ def matching(checked: Checked, names: Names) -> list[str]:
             _refuse(checked, given, plain)
         found.update(dict.fromkeys(fits))
     return list(found)
+
+
+def _around(name: str) -> Iterator[str]:
+    """What a node lies in: `a`, `a[2]`, `a.b`, `a[2].b` for `a[2].b.node`."""
+    while "." in name:
+        name = name.rpartition(".")[0]
+        yield from (name, without_rounds(name))
 
 
 def _fitting(pattern: str, names: Iterable[str]) -> list[str]:

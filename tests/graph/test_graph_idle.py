@@ -117,3 +117,26 @@ run: all
     assert matching(graph, "rounds.step") == steps
     assert matching(graph, "rounds[*].step") == steps
     assert matching(graph, "rounds[2].*") == ["rounds[2].step", "rounds[2].other"]
+
+
+def test_the_name_of_a_repeat_means_all_that_is_in_it(bench: Any) -> None:
+    from exmesh_graph.api.selecting import matching, selected
+    from exmesh_graph.errors import GraphError
+
+    graph = bench.check("""
+nodes:
+  one: {type: toy.const}
+  rounds:
+    repeat: 2
+    carry: {state: "@one.number"}
+    nodes: {step: {type: toy.step, state: "@carry.state"}, other: {type: toy.step, state: "@step.state"}}
+    next: {state: "@step.state"}
+  after: {type: toy.step, state: "@rounds.state"}
+run: all
+""")
+    inside = [f"rounds[{n}].{name}" for n in (1, 2) for name in ("step", "other")]
+    assert sorted(matching(graph, "rounds")) == sorted(inside)
+    assert matching(graph, "rounds[2]") == inside[2:]
+    assert selected(graph, "rounds").targets == {"one", *inside}
+    with pytest.raises(GraphError, match="no node 'rounds\\[3\\]'"):
+        matching(graph, "rounds[3]")
