@@ -6,7 +6,7 @@ Nothing heavy is imported here: the report is also written after a run that took
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -81,16 +81,23 @@ def advice_rows(metrics: Mapping[str, Mapping[str, Any]]) -> list[dict[str, str]
 def decision_tables(metrics: Mapping[str, Mapping[str, Any]]) -> dict[str, list[dict[str, str]]]:
     """What was modelled and why: by `node.port`, for all figures that hold a list named `decisions`, its rows as shown.
 
-    Texts are empty where nothing was measured.
+    Ports that tell the same share one table, named by all. Texts are empty where nothing was measured.
     """
-    tables = {}
+    tables: list[tuple[list[str], Sequence[Mapping[str, Any]]]] = []
     for port, values in metrics.items():
         rows = values.get("decisions")
         if not (rows and isinstance(rows, list) and all(isinstance(row, Mapping) and "name" in row for row in rows)):
             continue
+        same = next((ports for ports, told in tables if told == rows), None)
+        if same is None:
+            tables.append(([port], rows))
+        else:
+            same.append(port)
+    shown = {}
+    for ports, rows in tables:
         gains = [abs(row["gain"]) + (row.get("error") or 0) for row in rows if row.get("gain") is not None]
-        tables[port] = [_decision(row, max([*gains, 0.1])) for row in rows]
-    return tables
+        shown[", ".join(ports)] = [_decision(row, max([*gains, 0.1])) for row in rows]
+    return shown
 
 
 def _decision(row: Mapping[str, Any], reach: float) -> dict[str, str]:

@@ -56,3 +56,10 @@ def test_advice_of_all_nodes_is_one_table():
         {"a.metrics": {"advice": [row]}, "b.metrics": {"advice": ["no row"], "x": 1}, "c": {"advice": 3}}
     )
     assert found == [row]
+
+
+def test_nodes_that_decided_the_same_share_a_table() -> None:
+    told = {"a.decisions": {"decisions": ROWS}, "b.decisions": {"decisions": ROWS[:1]}, "c.decisions": {"decisions": ROWS}}
+    tables = decision_tables(told)
+    assert list(tables) == ["a.decisions, c.decisions", "b.decisions"]
+    assert len(tables["a.decisions, c.decisions"]) == len(ROWS)
