@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from benchmarks.scenes.kinds import Recipe
 from benchmarks.scenes.objects import (
+    attic,
     crowd,
     fair,
     garden,
@@ -33,4 +34,5 @@ RECIPES: dict[str, Recipe] = (
     | garden.SCENES
     | shelf.SCENES
     | fair.SCENES
+    | attic.SCENES
 )

@@ -59,7 +59,11 @@ def test_advice_of_all_nodes_is_one_table():
 
 
 def test_nodes_that_decided_the_same_share_a_table() -> None:
-    told = {"a.decisions": {"decisions": ROWS}, "b.decisions": {"decisions": ROWS[:1]}, "c.decisions": {"decisions": ROWS}}
+    told = {
+        "a.decisions": {"decisions": ROWS},
+        "b.decisions": {"decisions": ROWS[:1]},
+        "c.decisions": {"decisions": ROWS},
+    }
     tables = decision_tables(told)
     assert list(tables) == ["a.decisions, c.decisions", "b.decisions"]
     assert len(tables["a.decisions, c.decisions"]) == len(ROWS)
