@@ -128,13 +128,29 @@ def unoccluded(
 
 @torch.no_grad()
 def sun_transfer(
-    suns: Suns, origins: torch.Tensor, normal: torch.Tensor, flat: torch.Tensor, tracer: RayTracer, samples: int = 8
-) -> torch.Tensor:
-    """Irradiance [N, S] of points per flux of each sun: the mean of max(n . w, 0) over what is seen of it."""
+    suns: Suns, origins: torch.Tensor, normal: torch.Tensor, flat: torch.Tensor, tracer: RayTracer,
+    samples: int = 8, each: int = 8, chunk: int = 1 << 18,
+) -> torch.Tensor:  # fmt: skip
+    """Irradiance [N, S] of points per flux of each sun: the mean of max(n . w, 0) over what is seen of it.
+
+    Of `samples` directions to a sun a point takes `each`, a divisor; the next point takes others.
+    """
+    groups = samples // each
     directions = suns.directions(sobol_points(samples).to(normal.device))
     result = normal.new_zeros(len(normal), len(suns))
     for number in range(samples):
-        towards = directions[:, number, None].expand(len(suns), len(normal), 3)
-        cosine = (towards * normal).sum(-1).clamp_min(0)
-        result += (cosine * unoccluded(origins, flat, towards, tracer)).t()
-    return result / samples
+        mine = slice(number % groups, None, groups)
+        start, smooth, own = origins[mine], normal[mine], flat[mine]
+        for sun, column in enumerate(result[mine].unbind(1)):
+            towards = directions[sun, number]
+            cosine = _along(smooth, towards)
+            for part in torch.nonzero((cosine > 0) & (_along(own, towards) > 0))[:, 0].split(chunk):
+                seen = ~any_hit(tracer, start[part], towards.expand(len(part), 3))
+                column[part] += cosine[part] * seen
+    return result / each
+
+
+def _along(vectors: torch.Tensor, direction: torch.Tensor) -> torch.Tensor:
+    """v . w of vectors [N, 3] and one direction [3]: by columns, the same bytes for any number of threads."""
+    x, y, z = direction.tolist()
+    return vectors[:, 0] * x + vectors[:, 1] * y + vectors[:, 2] * z

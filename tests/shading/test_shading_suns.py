@@ -9,8 +9,10 @@ import torch
 from exmesh_graph.rays import make_ray_tracer
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.operators import LightTransport
+from exmesh_graph.shading.point_sets import sobol_points
 from exmesh_graph.shading.suns import find_suns, sun_transfer, unoccluded
 from exmesh_graph.shading.transport import lattice_origins, trace_transport, with_bounces
+from exmesh_graph.stage2.light.traced import directions_each
 from tests.shading.monte_carlo_scenes import wall_and_floor
 from tests.shading.shading_statistics import chi_square_excess
 
@@ -139,3 +141,40 @@ def test_transfer_is_the_cosine_of_what_is_seen_and_bounces_like_a_direction():
     )
     inputs = tuple(t.double().requires_grad_() for t in (rows, rho))
     assert torch.autograd.gradcheck(lambda e, a: operators.irradiance(e, a, 0.6), inputs)
+
+
+def _reference(suns, origins, normal, flat, tracer, samples=8):
+    """[N, samples, S]: irradiance by each direction, all points and suns at once."""
+    directions = suns.directions(sobol_points(samples))
+    parts = []
+    for number in range(samples):
+        towards = directions[:, number, None].expand(len(suns), len(normal), 3)
+        cosine = (towards * normal).sum(-1).clamp_min(0)
+        parts.append((cosine * unoccluded(origins, flat, towards, tracer)).t())
+    return torch.stack(parts, 1)
+
+
+@pytest.mark.parametrize("kind", [torch.float32, torch.float64])
+def test_transfer_is_what_all_rays_at_once_give_and_neighbours_share_directions(kind):
+    vertices, faces = wall_and_floor()
+    tracer = make_ray_tracer(vertices, faces)
+    light = trace_transport(vertices, faces, 64, steps=4)
+    sky = _sky(64)
+    sky[16, 64 + 3], sky[20, 20] = 2e4, 9e3
+    suns = find_suns(sky, 64)
+    assert len(suns) == 2
+    rng = torch.Generator().manual_seed(3)
+    origins = torch.from_numpy(lattice_origins(light, vertices, faces, tracer.radius)).to(kind)
+    flat = torch.from_numpy(light.normals).to(kind)
+    normal = torch.nn.functional.normalize(flat + 0.3 * torch.randn(flat.shape, generator=rng).to(kind), dim=1)
+    ours = sun_transfer(suns, origins, normal, flat, tracer, chunk=100)
+    rays = _reference(suns, origins, normal, flat, tracer)
+    torch.testing.assert_close(ours, rays.mean(1), rtol=1e-5, atol=1e-6)
+    few = sun_transfer(suns, origins, normal, flat, tracer, each=2)
+    for point in range(len(normal)):
+        torch.testing.assert_close(few[point], rays[point, point % 4 :: 4].mean(0), rtol=1e-5, atol=1e-6)
+
+
+def test_pixels_of_large_views_take_fewer_directions():
+    assert [directions_each(pixels, suns) for pixels, suns in ((25_000, 8), (100_000, 1), (100_000, 4))] == [8, 8, 4]
+    assert directions_each(300_000, 8) == 2

@@ -24,7 +24,7 @@ from exmesh_graph.graph.run.hermetic import ALONE, apart
 from exmesh_graph.graph.run.job import BROKEN, DONE, FIGURES, Emit, Job, Outcome, failure
 from exmesh_graph.graph.run.lists import arguments
 from exmesh_graph.graph.run.memory import Memory
-from exmesh_graph.resources import machine_facts, peak_memory, reset_peak_memory
+from exmesh_graph.resources import machine_facts, peak_memory, reset_peak_memory, return_memory
 from exmesh_graph.types import Artifact
 from exmesh_graph.types.contents import losses, mark_of
 
@@ -49,6 +49,8 @@ def execute(job: Job, store: Store, memory: Memory, emit: Emit) -> Outcome:
         return Outcome(job.name, BROKEN, info={"port": broken.args[0], "note": broken.args[1]})
     except (Exception, SystemExit) as error:
         return failure(job.name, error)
+    finally:
+        return_memory()
 
 
 class NodeContext:

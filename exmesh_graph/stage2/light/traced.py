@@ -12,6 +12,7 @@ from typing import Any
 
 import torch
 
+from exmesh_graph.gpu.cores import share
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.rays import RayTracer, offset_origins
 from exmesh_graph.shading import brdf
@@ -54,6 +55,8 @@ def traced_specular(
     return result
 
 
+#: Rays of a view towards suns in one measurement.
+VIEW_RAYS = 2 << 20
 #: A lobe narrower than this many radii of a sun samples the sun better than the sun's directions sample the lobe.
 NARROW = 1.0
 
@@ -146,7 +149,10 @@ def find_fitted_suns(
     tracer: RayTracer,
     buffers: Iterable[ViewBuffer],
 ) -> FittedSuns | None:
-    """The suns of `environment`, traced from the lattice and all views' pixels; None where there are none."""
+    """The suns of `environment`, traced from the lattice and all views' pixels; None where there are none.
+
+    A pixel of a large view takes fewer directions to a sun, pixels beside it others (`directions_each`).
+    """
     light, device = operators.light, geometry.device
     suns = find_suns(environment, len(light.directions))
     if not len(suns):
@@ -155,9 +161,20 @@ def find_fitted_suns(
     origins = tensor_of(lattice_origins(light, vertices, faces, tracer.radius)).to(device)
     flat = geometry.face_normals[torch.from_numpy(light.point_face.astype("int64")).to(device)]
     lattice = sun_transfer(suns, origins, tensor_of(light.normals).to(device), flat, tracer)
-    views = {}
-    for buffer in buffers:
+
+    @torch.no_grad()  # a thread's own switch
+    def traced(buffer: ViewBuffer) -> tuple[int, torch.Tensor]:
         surface = buffer.samples(geometry)
         start = offset_origins(surface.position, surface.flat.double(), tracer.radius)
-        views[buffer.number] = sun_transfer(suns, start, surface.normal, surface.flat, tracer)
-    return FittedSuns(suns, lattice, views, operators.with_columns(lattice))
+        each = directions_each(len(start), len(suns))
+        return buffer.number, sun_transfer(suns, start, surface.normal, surface.flat, tracer, each=each)
+
+    return FittedSuns(suns, lattice, dict(share(traced, buffers)), operators.with_columns(lattice))
+
+
+def directions_each(pixels: int, suns: int) -> int:
+    """How many of eight directions to each sun a pixel of a view takes: as many as keep to `VIEW_RAYS`, two at least.
+
+    What is in no penumbra is the same for any of them. In a penumbra two are noise, which a texel's views even out.
+    """
+    return next((each for each in (8, 4) if each * pixels * suns <= VIEW_RAYS), 2)
