@@ -1,5 +1,7 @@
 """How much memory a process may still take: what the machine has free, or less where a control group limits it."""
 
+import platform
+
 import psutil
 import pytest
 
@@ -34,3 +36,12 @@ def test_a_control_group_without_a_limit_or_overdrawn(monkeypatch, tmp_path):
     assert memory_to_spare() > 5000
     (tmp_path / "memory.max").write_text("4000\n")
     assert memory_to_spare() == 0
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other C libraries keep little, or say nothing")
+def test_what_was_freed_goes_back_to_the_system() -> None:
+    blocks = [bytearray(100_000) for _ in range(600)]  # small enough to lie on the heap, which the last one holds up
+    full = resources.memory_in_use()
+    del blocks[:-1]
+    resources.return_memory()
+    assert full - resources.memory_in_use() > 50e6
