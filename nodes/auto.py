@@ -63,6 +63,12 @@ class AutoParams(DeviceSettings):
         "shows.",
     )
 
+    flat_base: bool = param(
+        True,
+        doc="With masks and without a `ground`: where all cameras look from above, the hull ends at the lowest level "
+        "that outlines show; else it goes on below in a cone.",
+    )
+
 
 class AutoOut(NamedTuple):
     mesh: Annotated[Mesh, facets(manifold=True)]
@@ -71,7 +77,7 @@ class AutoOut(NamedTuple):
 
 @node(
     "init.auto",
-    version="14",
+    version="15",
     libraries=("torch", "warp-lang", "scipy", "scikit-image", "open3d", "pymeshlab"),
     resumable=True,
     resources=ON_DEVICE,
@@ -90,11 +96,13 @@ def auto(
 
     Depth maps that are wired in take its place, and Gaussians where `iterations` asks for them; `stereo` is its depth
     where that was found already (mask.auto), and is not looked for again. A hull ends on the `ground`, where one was
-    found: what cameras from above do not see below the object is none of it. Only what is chosen runs. Where a hull was
+    found, or at the lowest level that outlines show (`flat_base`): what cameras from above do not see below the object
+    is none of it. Only what is chosen runs. Where a hull was
     carved, the photographs say which of its flat parts are mouths of vessels (`openings`), what of the carving they let
     go, and which surface is kept: the opened hull, or what stereo or the Gaussians leave of it. What masks show is not
     carved away. `decisions` says why, for the report.
     """
+    import numpy as np
     from exmesh_nodes import init
 
     from exmesh_graph.errors import DataError
@@ -102,7 +110,8 @@ def auto(
     from exmesh_graph.geometry.carve import carving
     from exmesh_graph.geometry.closed import hull_surface, solid_surface
     from exmesh_graph.geometry.coarse_start import ENOUGH_VIEWS, Known, choose, reduction
-    from exmesh_graph.geometry.grounded import hull_of
+    from exmesh_graph.geometry.footing import base_row, footing
+    from exmesh_graph.geometry.grounded import Grounded, hull_of
     from exmesh_graph.geometry.openings import opened
     from exmesh_graph.gpu.torch_setup import sharing
     from exmesh_graph.masks.regained import regained
@@ -131,6 +140,10 @@ def auto(
     outline = HullSettings(resolution=p.resolution, wrong_masks=p.wrong_masks)
     silhouettes = masks and method != "sphere"
     field = hull_of(views, ground, p.wrong_masks, found=stereo is not None) if silhouettes else None
+    if field is not None and ground is None and p.flat_base and (base := footing(field)):
+        field = Grounded.above(field, np.array([0.0, 1.0, 0.0]), base.height)
+        rows.append(base_row(base))
+        ctx.log(f"base: flat. {rows[-1]['reason']}")
     solid = _hull_solid(field) if field else None
     shown, vessel = views, None  # the photographs that foretell one another; what was said on openings
     if method == "hull":

@@ -25,6 +25,8 @@ BRIGHTNESS = 20.0
 SHARE, MOST = 0.01, 8
 #: Largest solid angle of a sun over that of a direction's cell: wider lights the directions resolve by themselves.
 CELLS = 4.0
+#: Rays at a time.
+CHUNK = 1 << 18
 
 
 @dataclass(frozen=True)
@@ -115,7 +117,7 @@ def find_suns(environment: torch.Tensor, directions: int) -> Suns:
 
 @torch.no_grad()
 def unoccluded(
-    origins: torch.Tensor, flat: torch.Tensor, directions: torch.Tensor, tracer: RayTracer, chunk: int = 1 << 18
+    origins: torch.Tensor, flat: torch.Tensor, directions: torch.Tensor, tracer: RayTracer, chunk: int = CHUNK
 ) -> torch.Tensor:
     """Which rays from `origins` [N, 3] towards `directions` [S, N, 3] leave the surface of geometric normals `flat`
     [N, 3] and meet nothing: bool [S, N]."""
@@ -128,26 +130,31 @@ def unoccluded(
 
 @torch.no_grad()
 def sun_transfer(
-    suns: Suns, origins: torch.Tensor, normal: torch.Tensor, flat: torch.Tensor, tracer: RayTracer,
-    samples: int = 8, each: int = 8, chunk: int = 1 << 18,
-) -> torch.Tensor:  # fmt: skip
+    suns: Suns, origins: torch.Tensor, normal: torch.Tensor, flat: torch.Tensor, tracer: RayTracer, samples: int = 8
+) -> torch.Tensor:
     """Irradiance [N, S] of points per flux of each sun: the mean of max(n . w, 0) over what is seen of it.
 
-    Of `samples` directions to a sun a point takes `each`, a divisor; the next point takes others.
+    A point whose first half of rays all meet something, or all nothing, is in no penumbra: the other half is not traced
+    there. So a soft shadow is a little harder, by 0.04 of the sun where a fifth of it is hidden.
     """
-    groups = samples // each
     directions = suns.directions(sobol_points(samples).to(normal.device))
     result = normal.new_zeros(len(normal), len(suns))
-    for number in range(samples):
-        mine = slice(number % groups, None, groups)
-        start, smooth, own = origins[mine], normal[mine], flat[mine]
-        for sun, column in enumerate(result[mine].unbind(1)):
-            towards = directions[sun, number]
-            cosine = _along(smooth, towards)
-            for part in torch.nonzero((cosine > 0) & (_along(own, towards) > 0))[:, 0].split(chunk):
-                seen = ~any_hit(tracer, start[part], towards.expand(len(part), 3))
+    for sun, column in enumerate(result.unbind(1)):
+        traced, free = (torch.zeros(len(normal), dtype=torch.int8, device=normal.device) for _ in range(2))
+        for number, towards in enumerate(directions[sun]):
+            cosine = _along(normal, towards)
+            lit = (cosine > 0) & (_along(flat, towards) > 0)
+            if 2 * number >= samples:
+                clear = lit & (traced > 0) & (free == traced)
+                column += torch.where(clear, cosine, 0)
+                lit &= (traced == 0) | ((free > 0) & (free < traced))
+            for part in torch.nonzero(lit)[:, 0].split(CHUNK):
+                seen = ~any_hit(tracer, origins[part], towards.expand(len(part), 3))
                 column[part] += cosine[part] * seen
-    return result / each
+                if 2 * number < samples:
+                    traced[part] += 1
+                    free[part] += seen
+    return result / samples
 
 
 def _along(vectors: torch.Tensor, direction: torch.Tensor) -> torch.Tensor:

@@ -1,10 +1,12 @@
 """The hull above a plane: by kernels and in numpy, and from a flat mesh."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from exmesh_graph.geometry.footing import base_row, footing
 from exmesh_graph.geometry.grounded import Grounded
 from exmesh_graph.geometry.hull import SilhouetteField, goes_on, visual_hull
 from exmesh_graph.masks.plane import Plane
@@ -74,3 +76,63 @@ def test_a_square_lies_in_its_plane_below_the_points_and_faces_up():
     np.testing.assert_allclose(across / np.linalg.norm(across, axis=1, keepdims=True), [normal] * 2, atol=1e-5)
     flat = points - np.outer(points @ normal + 0.7, normal)
     assert np.linalg.norm(flat - vertices.mean(0), axis=1).max() < np.linalg.norm(vertices[0] - vertices.mean(0))
+
+
+def seen_from(solid: Callable[[np.ndarray], np.ndarray], elevations: Sequence[float]) -> SilhouetteField:
+    """The masks of a solid, True inside for points [..., 3], from cameras that go around it at these elevations."""
+    size, focal, far = 96, 156.0, 3.0
+    poses, masks = [], []
+    x, y = np.meshgrid((np.arange(size) + 0.5 - size / 2) / focal, (np.arange(size) + 0.5 - size / 2) / focal)
+    steps = np.linspace(far - 0.9, far + 0.9, 120)[:, None, None, None]
+    for number, elevation in enumerate(elevations):
+        up, around = np.radians([elevation, 137.5 * number])
+        back = np.array([np.cos(up) * np.cos(around), np.sin(up), np.cos(up) * np.sin(around)])
+        right = np.cross([0.0, 1, 0], back)
+        right /= np.linalg.norm(right)
+        turn = np.column_stack([right, -np.cross(back, right), -back])
+        pose = np.eye(4)
+        pose[:3] = np.c_[turn, far * back]
+        masks.append(solid((steps * np.stack([x, y, np.ones_like(x)], -1)) @ turn.T + far * back).any(0))
+        poses.append(pose)
+    k = np.array([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1]])
+    return SilhouetteField.from_masks(
+        np.asarray(masks, np.float32), np.stack([k] * len(poses)), np.linalg.inv(np.stack(poses))
+    )
+
+
+def board(points: np.ndarray) -> np.ndarray:
+    """A board half a unit wide with a post on it; it lies at y = -0.1."""
+    plate = (np.abs(points) < [0.5, 0.05, 0.4]) | (np.abs(points - [0, -0.05, 0]) < [0.5, 0.05, 0.4])
+    post = np.abs(points - [0.2, 0.25, 0.1]) < [0.04, 0.25, 0.04]
+    return plate.all(-1) | post.all(-1)
+
+
+@pytest.mark.thorough
+def test_a_board_seen_from_above_ends_where_outlines_do():
+    field = seen_from(board, np.linspace(14, 70, 15))
+    points = visual_hull(field, resolution=96)[0]
+    assert points[:, 1].min() < -0.25  # a pyramid under it
+    base = footing(field)
+    assert base is not None
+    assert base.height == pytest.approx(-0.1, abs=0.03)
+    assert base.height < -0.09  # nothing that is shown is cut
+    assert base.depth == pytest.approx(base.height - points[:, 1].min(), abs=0.02)
+    assert base_row(base)["value"] == "flat"
+    cut = visual_hull(Grounded.above(field, np.array([0.0, 1, 0]), base.height), resolution=96)[0]
+    assert cut[:, 1].min() == pytest.approx(base.height, abs=0.02)
+    assert cut[:, 1].max() == pytest.approx(points[:, 1].max(), abs=0.02)
+
+
+@pytest.mark.thorough
+def test_a_base_that_is_seen_from_below_is_left():
+    assert footing(seen_from(board, np.linspace(-25, 60, 15))) is None
+
+
+@pytest.mark.thorough
+def test_a_leg_below_the_rest_is_kept():
+    def table(points: np.ndarray) -> np.ndarray:
+        leg = np.abs(points - [0, -0.3, 0]) < [0.05, 0.3, 0.05]
+        return board(points) | leg.all(-1)
+
+    base = footing(seen_from(table, np.linspace(14, 70, 15)))
+    assert base is None or base.height < -0.57

@@ -55,8 +55,6 @@ def traced_specular(
     return result
 
 
-#: Rays of a view towards suns in one measurement.
-VIEW_RAYS = 2 << 20
 #: A lobe narrower than this many radii of a sun samples the sun better than the sun's directions sample the lobe.
 NARROW = 1.0
 
@@ -149,10 +147,7 @@ def find_fitted_suns(
     tracer: RayTracer,
     buffers: Iterable[ViewBuffer],
 ) -> FittedSuns | None:
-    """The suns of `environment`, traced from the lattice and all views' pixels; None where there are none.
-
-    A pixel of a large view takes fewer directions to a sun, pixels beside it others (`directions_each`).
-    """
+    """The suns of `environment`, traced from the lattice and all views' pixels; None where there are none."""
     light, device = operators.light, geometry.device
     suns = find_suns(environment, len(light.directions))
     if not len(suns):
@@ -166,15 +161,6 @@ def find_fitted_suns(
     def traced(buffer: ViewBuffer) -> tuple[int, torch.Tensor]:
         surface = buffer.samples(geometry)
         start = offset_origins(surface.position, surface.flat.double(), tracer.radius)
-        each = directions_each(len(start), len(suns))
-        return buffer.number, sun_transfer(suns, start, surface.normal, surface.flat, tracer, each=each)
+        return buffer.number, sun_transfer(suns, start, surface.normal, surface.flat, tracer)
 
     return FittedSuns(suns, lattice, dict(share(traced, buffers)), operators.with_columns(lattice))
-
-
-def directions_each(pixels: int, suns: int) -> int:
-    """How many of eight directions to each sun a pixel of a view takes: as many as keep to `VIEW_RAYS`, two at least.
-
-    What is in no penumbra is the same for any of them. In a penumbra two are noise, which a texel's views even out.
-    """
-    return next((each for each in (8, 4) if each * pixels * suns <= VIEW_RAYS), 2)
