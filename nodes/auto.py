@@ -65,8 +65,8 @@ class AutoParams(DeviceSettings):
 
     flat_base: bool = param(
         True,
-        doc="With masks and without a `ground`: where all cameras look from above, the hull ends at the lowest level "
-        "that outlines show; else it goes on below in a cone.",
+        doc="With masks and without a `ground`: where cameras look down at it, the hull ends at the lowest level that "
+        "outlines show; else it goes on below in a cone.",
     )
 
 

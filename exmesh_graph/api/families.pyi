@@ -453,7 +453,7 @@ class _Init(Family):
         wrong_masks: Masks that may be wrong at a point. [views, >= 0]
         table: Without masks: the plane that the object stands on, as in init.object; lumps in the air go anyway.
         openings: With masks: open flat parts of the surface where photographs say so: vessels, whose depth no outline shows.
-        flat_base: With masks and without a `ground`: where all cameras look from above, the hull ends at the lowest level that outlines show; else it goes on below in a cone.
+        flat_base: With masks and without a `ground`: where cameras look down at it, the hull ends at the lowest level that outlines show; else it goes on below in a cone.
         """
     def clean(self, name: str = "", *, mesh: Wire[Mesh] | Node, faces: int | Parameter = 5000, tolerance: float | Parameter = 0.0, max_faces: int | Parameter = 12000, method: Literal["builtin", "pymeshlab", "open3d"] | Parameter = "builtin", components: int | Parameter = 1, min_area: float | Parameter = 0.0, close_holes: int | Parameter = 0, seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> MeshNode:
         """Largest parts, manifold, evenly triangulated within a face budget; closed stays closed.

@@ -1,4 +1,4 @@
-"""What an object stands on, where all cameras look down at it: the hull of its masks ends there, not in a point below.
+"""What an object stands on, where cameras look down at it: the hull of its masks ends there, not in a point below.
 
 From above no outline shows how far an object goes down. The hull goes on below it in a cone, as steep as the lowest
 camera looks: under a board that is seen from 10 degrees up, by a fifth of its width. Things stand on something flat.
@@ -19,6 +19,9 @@ _CELL = 2.0
 _LEAST = 0.02
 """Of the object's longest side: a cone that goes less far below is left."""
 
+_WIDEST = 4.0
+"""Tangent of the angle off a camera's axis within which points count: some lie beside it or behind."""
+
 
 class Footing(NamedTuple):
     """A level plane, y = `height`; `depth`: how far the hull goes on below it."""
@@ -30,8 +33,8 @@ class Footing(NamedTuple):
 def base_row(base: Footing) -> dict[str, Any]:
     """The row of the decisions."""
     reason = (
-        f"All cameras look from above: no outline shows what lies below y = {base.height:.3f}, where the hull went on "
-        f"by {base.depth:.3f}. It ends there, as things do that stand."
+        f"Cameras look down at it: no outline shows what lies below y = {base.height:.3f}, where the hull went on by "
+        f"{base.depth:.3f}. It ends there, as things do that stand."
     )
     return {"name": "base", "value": "flat", "reason": reason}
 
@@ -57,7 +60,7 @@ def _tops(points: np.ndarray, intrinsics: np.ndarray, world_to_camera: np.ndarra
     """The highest y of the points [P, 3] in and around each cell of a picture that holds any; a cell is `cell` wide at
     the middle of the points."""
     seen = points @ world_to_camera[:3, :3].T + world_to_camera[:3, 3]
-    before = seen[:, 2] > 0
+    before = np.abs(seen[:, :2]).max(1) < _WIDEST * seen[:, 2]
     seen, height = seen[before], points[before, 1]
     if not len(seen):
         return np.full(1, np.inf)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from exmesh_graph.geometry import footing as footing_of
 from exmesh_graph.geometry.footing import base_row, footing
 from exmesh_graph.geometry.grounded import Grounded
 from exmesh_graph.geometry.hull import SilhouetteField, goes_on, visual_hull
@@ -136,3 +137,13 @@ def test_a_leg_below_the_rest_is_kept():
 
     base = footing(seen_from(table, np.linspace(14, 70, 15)))
     assert base is None or base.height < -0.57
+
+
+def test_points_beside_and_behind_a_camera_take_no_room():
+    points = np.random.default_rng(2).uniform(-1, 1, (20_000, 3))
+    points[:, 2] = np.linspace(-1, 1, len(points))  # some all but in the camera's plane
+    k = np.array([[100.0, 0, 50], [0, 100, 50], [0, 0, 1]])
+    tops = footing_of._tops(points, k, np.eye(4), 0.05)
+    assert len(tops) < 60_000
+    assert np.isfinite(tops).all()
+    assert np.isinf(footing_of._tops(points - [0, 0, 2], k, np.eye(4), 0.05)).all()
