@@ -1,7 +1,7 @@
 """What an object stands on, where cameras look down at it: the hull of its masks ends there, not in a point below.
 
 From above no outline shows how far an object goes down. The hull goes on below it in a cone, as steep as the lowest
-camera looks: under a board that is seen from 10 degrees up, by a fifth of its width. Things stand on something flat.
+camera looks: under a board that is seen from 13 degrees up, by a fifth of its width. Things stand on something flat.
 """
 
 from __future__ import annotations
