@@ -220,7 +220,9 @@ nodes:
     assert sorted(states(run(bench, text, tokens={"cpu": 2})).values()) == ["done", "done", "hit"]
 
 
-COUNT = 'nodes: {{a: {{type: toy.const}}, n: {{type: toy.count, number: "@a.number", steps: 60{more}}}}}'
+def count(more: str = "", steps: int = 60) -> str:
+    """A graph whose one long node counts to `steps`; `more` is what else it is told."""
+    return f'nodes: {{a: {{type: toy.const}}, n: {{type: toy.count, number: "@a.number", steps: {steps}{more}}}}}'
 
 
 @pytest.mark.thorough
@@ -230,13 +232,13 @@ COUNT = 'nodes: {{a: {{type: toy.const}}, n: {{type: toy.count, number: "@a.numb
 )
 def test_a_killed_worker_goes_on_from_its_checkpoint(bench: Any, tmp_path: Path) -> None:
     """Killed at step 40 with a checkpoint at each: the next run does only the rest and ends with the same bytes."""
-    whole = bench.run(COUNT.format(more=""))
+    whole = bench.run(count())
     other = type(bench)(tmp_path / "other", bench.packs)
     trace = tmp_path / "trace"
     more = f", trace: {trace}, stop_at: 40"
     with pytest.raises(NodeFailed, match="SIGKILL"):
-        run(other, COUNT.format(more=more), checkpoint_every=0.0)
-    record = run(other, COUNT.format(more=more), checkpoint_every=0.0)
+        run(other, count(more), checkpoint_every=0.0)
+    record = run(other, count(more), checkpoint_every=0.0)
     steps = [int(line) for line in trace.read_text().split()]
     assert len(steps) < 75
     assert steps[-1] == 59
@@ -248,8 +250,8 @@ def test_a_killed_worker_goes_on_from_its_checkpoint(bench: Any, tmp_path: Path)
 @pytest.mark.thorough
 def test_other_parameters_do_not_resume_a_checkpoint(bench: Any) -> None:
     with pytest.raises(NodeFailed):
-        run(bench, COUNT.format(more=", stop_at: 40"), checkpoint_every=0.0)
-    bench.run(COUNT.format(more="").replace("60", "61"))
+        run(bench, count(", stop_at: 40"), checkpoint_every=0.0)
+    bench.run(count(steps=61))
     assert not any("checkpoint" in e.get("message", "") for e in bench.events)
 
 
@@ -284,10 +286,10 @@ def wait_for(condition: Any, seconds: float = 20) -> None:
     "it goes on from there and ends with the same bytes",
 )
 def test_ctrl_c_writes_a_checkpoint_and_the_same_command_goes_on(bench: Any, tmp_path: Path, workers: str) -> None:
-    whole = bench.run(COUNT.format(more="").replace("60", "600"))
+    whole = bench.run(count(steps=600))
     bench = type(bench)(tmp_path / "other", bench.packs)
     trace = tmp_path / "trace"
-    text = COUNT.format(more=f", seconds: 0.01, trace: {trace}").replace("60", "600")
+    text = count(f", seconds: 0.01, trace: {trace}", steps=600)
     process = command(bench, text, "--workers", workers)
     wait_for(lambda: trace.exists() and len(trace.read_text().split()) > 20)
     process.send_signal(signal.SIGINT)
@@ -318,7 +320,7 @@ def workers_of(pid: int) -> list[int]:
 @pytest.mark.thorough
 def test_workers_of_a_killed_run_end_and_another_run_goes_on(bench: Any, tmp_path: Path) -> None:
     trace = tmp_path / "trace"
-    text = COUNT.format(more=f", seconds: 0.02, trace: {trace}").replace("60", "600")
+    text = count(f", seconds: 0.02, trace: {trace}", steps=600)
     process = command(bench, text)
     wait_for(lambda: trace.exists() and len(trace.read_text().split()) > 5)
     found = workers_of(process.pid)

@@ -194,7 +194,9 @@ def test_progress_logs_and_prints_arrive(bench: Any, run_on: Any, kind: str) -> 
         )
 
 
-COUNT = 'nodes: {a: {type: toy.const}, n: {type: toy.count, number: "@a.number", steps: 60MORE}}'
+def count(more: str = "", name: str = "n", steps: int = 60) -> str:
+    """A graph whose one long node counts to `steps`; `more` is what else it is told."""
+    return f'nodes: {{a: {{type: toy.const}}, {name}: {{type: toy.count, number: "@a.number", steps: {steps}{more}}}}}'
 
 
 @pytest.mark.thorough
@@ -202,9 +204,9 @@ def test_a_killed_node_goes_on_from_its_checkpoint(bench: Any, run_on: Any, kind
     if kind == "inline":
         pytest.skip("inline jobs share the process of the run")
     other = type(bench)(tmp_path / "other", bench.packs)
-    whole = other.run(COUNT.replace("MORE", ""))
+    whole = other.run(count())
     trace = tmp_path / "trace"
-    text = COUNT.replace("MORE", f", trace: {trace}, stop_at: 40")
+    text = count(f", trace: {trace}, stop_at: 40")
     with pytest.raises(NodeFailed, match="SIGKILL"):
         run_on(text, checkpoint_every=0.0)
     record = run_on(text, checkpoint_every=0.0)
@@ -220,8 +222,7 @@ class Taken(Exception):
 
 def job_of_count(bench: Any, name: str, trace: Path, monkeypatch: pytest.MonkeyPatch, seconds: float) -> Job:
     """The job that a run would make of a node that counts, to 400 when it takes its time and else to 3."""
-    more = f", seconds: {seconds}, trace: {trace}"
-    text = COUNT.replace("MORE", more).replace("60", "400" if seconds else "3").replace(" n:", f" {name}:")
+    text = count(f", seconds: {seconds}, trace: {trace}", name, 400 if seconds else 3)
     jobs = []
 
     def submit(self: Inline, job: Job) -> None:
