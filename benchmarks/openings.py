@@ -3,9 +3,9 @@
     python -m benchmarks.openings graphs/samples/spot FOLDER/vase FOLDER/mug FOLDER/tin
 
 Scenes of the NeRF-Synthetic layout with a true mesh. For each flat part of the hull that ends in creases: where it
-faces, its error over that of the whole object, the best opening (wall, depth), by how much the error falls (share,
-standard errors, share of the photographs), and whether it is opened. Then the Chamfer distance of the hull, and of the
-hull with what is opened, in thousandths of the radius.
+faces, the best opening (wall, depth), by how much the error falls (share, standard errors, share of the photographs),
+and whether it is opened. Then the Chamfer distance of the hull, and of the hull with what is opened, in thousandths of
+the radius.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ def measure(folder: Path) -> None:
     around = Surroundings(reduced(views, factor_for(views, 128, 0)), *mesh)
     for lid in lids(values, grid, *mesh):
         judge = Judge(around, lid)
-        told = f"  faces {np.round(lid.normal, 1) + 0.0}, radius {lid.radius:.2f}, error {judge.doubt:.2f} of the whole"
-        best = best_opening(Lidded(values, grid, *mesh, lid), judge) if judge.doubtful else None
+        told = f"  faces {np.round(lid.normal, 1) + 0.0}, radius {lid.radius:.2f}"
+        best = best_opening(Lidded(values, grid, *mesh, lid), judge) if judge.able else None
         if best is not None:
             gain = judge.gain(best)
             told += (

@@ -77,7 +77,7 @@ class AutoOut(NamedTuple):
 
 @node(
     "init.auto",
-    version="15",
+    version="16",
     libraries=("torch", "warp-lang", "scipy", "scikit-image", "open3d", "pymeshlab"),
     resumable=True,
     resources=ON_DEVICE,

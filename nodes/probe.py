@@ -23,7 +23,7 @@ class ProbeOut(NamedTuple):
     decisions: Metrics
 
 
-@node("scene.probe", version="2", libraries=("torch", "embreex", "warp-lang", "scipy"), resources=ALL_CORES)
+@node("scene.probe", version="3", libraries=("torch", "embreex", "warp-lang", "scipy"), resources=ALL_CORES)
 def probe(
     ctx: Context, carrier: Carrier, views: Annotated[Views, facets(split="train")], *, p: ProbeParams
 ) -> ProbeOut:

@@ -9,6 +9,7 @@ from benchmarks.scenes.objects import (
     fair,
     garden,
     harbour,
+    metalware,
     mixed,
     panel,
     plain,
@@ -35,4 +36,5 @@ RECIPES: dict[str, Recipe] = (
     | shelf.SCENES
     | fair.SCENES
     | attic.SCENES
+    | metalware.SCENES
 )

@@ -284,14 +284,52 @@ def test_metal_is_judged_where_it_is(first, second, expected):
 @pytest.mark.parametrize(("gain", "splits"), [(1.0, 2), (-0.05, 2), (-1.0, 1)])
 def test_a_second_split_is_asked_unless_metal_clearly_loses(monkeypatch, gain, splits):
     """What one split leaves open, within its noise, the other may tell."""
-    asked = []
-    noisy = _compared((0.0, gain), 0.2)
-    noisy.metal[1] *= np.where(np.arange(32) % 2, 1.15, 0.85)  # some tiles gain, others lose
-    monkeypatch.setattr(metal, "compared", lambda begun, steps: (asked.append((begun, steps)), noisy)[1])
+    asked = _asked(monkeypatch, together=_noisy(gain), alone=_noisy(gain))
     found = metal.find_metal(lambda other, fitted, held: (other, fitted, held), True, lambda: None)
     fitted, held, steps = metal.THOROUGH
     assert len(found) == splits
-    assert asked == [((other, fitted, held), steps) for other in (False, True)[:splits]]
+    together = [way for way in asked if way[-1] is metal.TOGETHER]
+    assert together == [((other, fitted, held), steps, metal.TOGETHER) for other in (False, True)[:splits]]
+
+
+@pytest.mark.parametrize(
+    ("together", "alone", "expected"),
+    [
+        (0.05, 1.0, (4, 1.0, True)),  # white paint that agreed with steel hid what steel alone brings
+        (0.05, -0.1, (4, 0.05, False)),  # neither finds any
+        (1.0, -1.0, (2, 1.0, True)),  # found: no more is asked
+        (-1.0, 1.0, (1, -1.0, False)),  # clearly none
+    ],
+)
+def test_texels_for_themselves_are_asked_where_together_they_leave_it_open(monkeypatch, together, alone, expected):
+    asked = _asked(monkeypatch, _noisy(together), _noisy(alone))
+    found = metal.find_metal(lambda *split: split, True, lambda: None)
+    decision = decide_metal(found, 1.05)
+    assert (len(asked), decision.value) == (expected[0], expected[2])
+    assert decision.gain == pytest.approx(expected[1], abs=0.1)
+
+
+def _noisy(gain):
+    """A comparison on whose tiles metal gains or loses, `gain` dB on the mean."""
+    noisy = _compared((0.0, gain), 0.2)
+    noisy.metal[1] *= np.where(np.arange(32) % 2, 1.15, 0.85)
+    return noisy
+
+
+def _asked(monkeypatch, together, alone):
+    """What is asked of splits (start, steps, way), each of which answers as given."""
+    asked = []
+
+    class Split:
+        def __init__(self, start, steps):
+            self.told = start, steps
+
+        def compared(self, way):
+            asked.append((*self.told, way))
+            return together if way is metal.TOGETHER else alone
+
+    monkeypatch.setattr(metal, "Split", Split)
+    return asked
 
 
 def test_one_split_alone_is_no_metal():

@@ -27,8 +27,8 @@ _SIDE = 128  # pixels: photographs are reduced to about that
 _MOST, _ASKED = 16, 10_000  # photographs foretold, and pixels of all of them
 _SHOWN = 30  # pixels of the lid that a photograph shows, at least
 _LEAST_VIEWS = 4
-_DOUBTFUL = 1.3  # a lid's error over that of the whole object
 _SHARE, _SIGMAS, _BETTER = 0.1, 6.0, 0.8  # of `Gain`, at least
+_SIGMAS_OF_ALL = 5.0  # where every photograph is foretold better
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,8 @@ class Gain:
     @property
     def enough(self) -> bool:
         """Whether it is beyond chance and beyond what gloss on a flat part brings."""
-        return self.share >= _SHARE and self.sigmas >= _SIGMAS and self.better >= _BETTER
+        sigmas = _SIGMAS_OF_ALL if self.better == 1 else _SIGMAS
+        return self.share >= _SHARE and self.sigmas >= sigmas and self.better >= _BETTER
 
 
 def openings(values: np.ndarray, grid: Grid, views: Views) -> list[tuple[Opening, Gain]]:
@@ -56,7 +57,7 @@ def openings(values: np.ndarray, grid: Grid, views: Views) -> list[tuple[Opening
     for lid in lids(values, grid, vertices, faces):
         around = around or Surroundings(reduced(views, factor_for(views, _SIDE, 0)), vertices, faces)
         judge = Judge(around, lid)
-        opening = best_opening(Lidded(values, grid, vertices, faces, lid), judge) if judge.doubtful else None
+        opening = best_opening(Lidded(values, grid, vertices, faces, lid), judge) if judge.able else None
         if opening is not None and (gain := judge.gain(opening)).enough:
             found.append((opening, gain))
     return found
@@ -76,16 +77,14 @@ class Surroundings:
         axes = self.poses[:, :3, 2]
         self.near = np.argsort(-(axes @ axes.T), axis=1, kind="stable")[:, 1 : _NEAREST + 1]
 
-    def exposure(self, view: int) -> tuple[np.ndarray, float]:
-        """(float64 [3]: what a view's photograph is, channel by channel, times what its neighbours foretell of it; the
-        mean error that remains)."""
+    def exposure(self, view: int) -> np.ndarray:
+        """float64 [3]: what a view's photograph is, channel by channel, times what its neighbours foretell of it."""
         row, column = np.nonzero(self.depth[view] > 0)
         thin = slice(None, None, 1 + len(row) // 4000)
         made, seen = self.foretold(view, row[thin], column[thin], self.depth)
         truth = self.views.images[view][row[thin], column[thin]][seen].astype(np.float64)
         made = made[seen]
-        gain = (made * truth).sum(0) / np.maximum(np.square(made).sum(0), 1e-12)
-        return gain, float(np.abs(shown(gain * made) - shown(truth)).mean()) if len(made) else 0.0
+        return (made * truth).sum(0) / np.maximum(np.square(made).sum(0), 1e-12)
 
     def foretold(
         self, view: int, row: np.ndarray, column: np.ndarray, depth: np.ndarray
@@ -135,21 +134,13 @@ class Judge:
         asked = np.flatnonzero(np.isin(self.view, held))
         asked = asked[:: 1 + len(asked) // _ASKED]
         self.asked = [asked[self.view[asked] == view] for view in held]
-        exposures = [around.exposure(int(view)) for view in held]
-        self.gains = [gain for gain, _ in exposures]
-        self.usual = float(np.mean([error for _, error in exposures] or [0.0]))
+        self.gains = [around.exposure(int(view)) for view in held]
         self.closed = self._errors(around.depth)
 
     @property
-    def doubt(self) -> float:
-        """The error of the closed lid's pixels over that of the whole object; 0 where too few photographs show it."""
-        known = [error[np.isfinite(error)].mean() for error in self.closed if np.isfinite(error).any()]
-        return float(np.mean(known)) / max(self.usual, 1e-9) if known and len(self.asked) >= _LEAST_VIEWS else 0.0
-
-    @property
-    def doubtful(self) -> bool:
-        """Whether enough photographs show the lid, and foretell it worse than the rest of the object."""
-        return self.doubt > _DOUBTFUL
+    def able(self) -> bool:
+        """Whether enough photographs show the lid."""
+        return len(self.asked) >= _LEAST_VIEWS
 
     def __call__(self, opening: Opening) -> float:
         return self.gain(opening).share

@@ -265,17 +265,20 @@ class ShortFit:
         self.light.restore([*self.fitted, *self.held], measured)
 
     @torch.no_grad()
-    def held_errors(self, only: Sequence[torch.Tensor] | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def held_errors(
+        self, only: Sequence[torch.Tensor] | None = None, shown: Sequence[torch.Tensor] | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Squared error (display values, mean over channels) and pixels, summed over every cluster: float64 [C] each.
 
         A cluster is a tile of a held-out view. Pixels on texels that no fitted pixel reads are left out, and so are
-        channels at the top of a photograph's range. `only`: of every held-out view the pixels that count, bool [N].
+        channels at the top of a photograph's range. `only`: of every held-out view the pixels that count, bool [N];
+        `shown`: `held_pictures`, where they are known.
         """
-        errors, pixels = [], []
-        for number, (buffer, known, shown) in enumerate(zip(self.held, self.known, self.held_pictures(), strict=True)):
+        errors, pixels, shown = [], [], shown or self.held_pictures()
+        for number, (buffer, known, picture) in enumerate(zip(self.held, self.known, shown, strict=True)):
             if only is not None:
                 known = known & only[number]
-            wrong = (shown - encode_srgb(buffer.target)) ** 2
+            wrong = (picture - encode_srgb(buffer.target)) ** 2
             wrong = torch.where(buffer.clipped, torch.zeros_like(wrong), wrong).mean(dim=1)[known]
             sums = sums_over_tiles(wrong.double().numpy(), buffer.pixel[known].numpy(), self.size)
             errors.append(sums[0])
