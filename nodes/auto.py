@@ -11,6 +11,7 @@ from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import param
 from exmesh_graph.types import DepthMaps, Mesh, Metrics, PointCloud, Views
 from exmesh_graph.types.pictures import kept_in
+from exmesh_graph.types.rows import told
 
 if TYPE_CHECKING:
     from exmesh_graph.evaluate.surfaces import Kept, Solid
@@ -130,7 +131,7 @@ def auto(
         iterations = max(iterations, 1)
         rows.append({"name": "iterations", "value": iterations, "reason": paid})
     for row in rows:
-        ctx.log(f"{row['name']}: {row['value']}. {row['reason']}")
+        ctx.log(told(row))
 
     if method == "tsdf" and depths is None:
         raise DataError(
@@ -143,7 +144,7 @@ def auto(
     if field is not None and ground is None and p.flat_base and (base := footing(field)):
         field = Grounded.above(field, np.array([0.0, 1.0, 0.0]), base.height)
         rows.append(base_row(base))
-        ctx.log(f"base: flat. {rows[-1]['reason']}")
+        ctx.log(told(rows[-1]))
     solid = _hull_solid(field) if field else None
     shown, vessel = views, None  # the photographs that foretell one another; what was said on openings
     if method == "hull":
@@ -206,11 +207,7 @@ def _mirrors(ctx: Context, views: Views, mesh: Mesh, p: AutoParams) -> dict[str,
 
     with sharing(p.threads):
         row = mirror_row(*reflected(mesh.vertices, mesh.faces, views))
-    told = f"{row['name']}: {row['value']}. {row['reason']}"
-    if row["value"] == "none":
-        ctx.log(told)
-    else:
-        ctx.warn(told)
+    (ctx.log if row["value"] == "none" else ctx.warn)(told(row))
     return row
 
 
@@ -311,7 +308,7 @@ def _judged(
             hull, carvings, maps, views, shown, factor, resolution=p.resolution, where=ctx.node
         )  # fmt: skip
     for row in rows:
-        ctx.log(f"{row['name']}: {row['value']}. {row['reason']}")
+        ctx.log(told(row))
     if kept.name != "hull" and not kept.mouths:
         vessel = None  # what was carved may be a vessel as well
     return kept, shown, vessel, rows
@@ -326,7 +323,7 @@ def _mouths(ctx: Context, views: Views, solid: Solid, p: AutoParams) -> tuple[li
     with sharing(p.threads):
         found = openings(*solid(_LIDS_AT), views)
     row = openings_row([(one.lid.normal, one.lid.radius, one.wall, one.depth, gain) for one, gain in found])
-    ctx.log(f"{row['name']}: {row['value']}. {row['reason']}")
+    ctx.log(told(row))
     return [one for one, _ in found], row
 
 
@@ -348,7 +345,7 @@ def _standing(ctx: Context, views: Views, depths: DepthMaps, mesh: Mesh, p: Auto
         row = nothing_row(str(error).splitlines()[0])
     else:
         row, mesh = table_row(found), Mesh(found.vertices, found.faces)
-    ctx.log(f"{row['name']}: {row['value']}. {row['reason']}")
+    ctx.log(told(row))
     return mesh, row
 
 

@@ -9,6 +9,7 @@ from exmesh_graph.gpu.settings import ALL_CORES
 from exmesh_graph.graph.declare.node import Context, facets, node
 from exmesh_graph.params import Params, param
 from exmesh_graph.types import Asset, Carrier, Mesh, Metrics, Region, SceneTruth, ScoredViews, Views
+from exmesh_graph.types.rows import told
 
 _DRAWN = ("torch", "warp-lang", "scipy", "OpenImageIO")
 _FOUND = (*_DRAWN, "open3d", "scikit-image", "embreex")  # where no region is wired in, what evaluate.region finds
@@ -44,7 +45,7 @@ def capture(ctx: Context, views: TrainViews, mesh: Mesh, *, p: Params) -> Metric
     with sharing(0):
         figures = capture_figures(views, mesh)
     for row in figures["advice"]:
-        ctx.log(f"{row['name']}: {row['value']}. {row['reason']}")
+        ctx.log(told(row))
     return MetricsOut(Metrics(figures))
 
 

@@ -12,6 +12,7 @@ from exmesh_graph.masks.settings import AgreementSettings, CutSettings, ObjectSe
 from exmesh_graph.params import Params, param
 from exmesh_graph.types import DepthMaps, Mesh, Metrics, PointCloud, Views
 from exmesh_graph.types.pictures import kept_in
+from exmesh_graph.types.rows import told
 
 if TYPE_CHECKING:
     import numpy as np
@@ -99,7 +100,7 @@ def object_(
     with sharing(p.threads):
         found = object_of_depths(views, maps, p, side=p.side, seed=ctx.seed)
     row = table_row(found)
-    ctx.log(f"table: {row['value']}. {row['reason']}")
+    ctx.log(told(row))
     require_sound(found.vertices, found.faces, closed=True, where=ctx.node)
     return ObjectOut(Mesh(found.vertices, found.faces))
 
@@ -147,11 +148,8 @@ def auto(ctx: Context, views: Train, points: PointCloud | None = None, *, p: Aut
         if train.has_masks:  # without, a start is better looked for inside the sphere alone
             depths = DepthMaps(train.names, seen.depth[[views.names.index(name) for name in train.names]])
     for row in rows:
-        told = f"{row['name']}: {row['value']}. {row['reason']}"
-        if row["value"] == "none" and row["name"] == "masks" and p.find:
-            ctx.warn(told)
-        else:
-            ctx.log(told)
+        lacking = row["value"] == "none" and row["name"] == "masks" and p.find
+        (ctx.warn if lacking else ctx.log)(told(row))
     return AutoOut(train, Metrics({"decisions": rows}), depths, ground)
 
 
