@@ -1,12 +1,15 @@
 """Photographs of a painted cup find its mouth, those of a painted drum of the same outside do not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from exmesh_graph.evaluate.metrics.opened import Gain, Judge, Surroundings, openings
+from exmesh_graph.evaluate.metrics.opened import Gain, Judge, Surroundings, detailed, openings
 from exmesh_graph.geometry.hull import surface
 from exmesh_graph.geometry.lids import lids
 from exmesh_graph.geometry.openings import Lidded, opened
+from exmesh_graph.io.color import linear_to_srgb, srgb_to_linear
 from exmesh_graph.raster import rasterize
 from exmesh_graph.raster.camera import pixel_rays
 from exmesh_graph.testing import cameras, look_at
@@ -15,6 +18,7 @@ from tests.geometry.test_openings import drum, grid_of
 from tests.priors.prior_scenes import paint
 
 WALL, DEPTH = 0.09, 0.75
+CONTRAST = 0.6  # of what is painted, in a soft light
 
 
 def photographs(vertices, faces, count=20, size=80):
@@ -95,3 +99,29 @@ def test_photographs_of_a_cup_find_its_mouth(solid, cup):
     assert opening.depth == pytest.approx(DEPTH, abs=0.12)
     assert gain.share > 0.5
     assert openings(*solid, photographs(*cup[1])) == []
+
+
+def test_detail_is_what_a_soft_light_leaves(cup):
+    """A picture of one colour has none, and brightness that changes slowly is not in it."""
+    views = cup[0]
+    held = views.alpha > 0.5
+    plain = detailed(replace(views, images=np.where(held[..., None], np.full(3, 0.3, np.float32), np.float32(0))))
+    assert np.allclose(linear_to_srgb(plain.images[held]), 0.5, atol=1e-3)
+    before, after = (linear_to_srgb(detailed(one).images[held]) - 0.5 for one in (views, soft(views)))
+    assert np.abs(after - CONTRAST * before).mean() < 0.1 * np.abs(before).mean()
+
+
+def soft(views, light=0.2):
+    """The same in a light, some display values strong, that no two photographs share: what metal mirrors, say."""
+    across = np.linspace(-1, 1, views.width)
+    wave = np.stack([np.add.outer(across * np.cos(2.4 * i), across * np.sin(2.4 * i)) for i in range(len(views))])
+    lit = linear_to_srgb(views.images) * CONTRAST + light * (1 + wave[..., None])
+    return replace(views, images=np.where(views.alpha[..., None] > 0.5, srgb_to_linear(lit), 0).astype(np.float32))
+
+
+@pytest.mark.thorough
+def test_detail_says_how_deep_a_mouth_is_that_mirrors(solid, cup):
+    found = openings(*solid, soft(cup[0]))
+    assert len(found) == 1
+    assert found[0][0].depth == pytest.approx(DEPTH, abs=0.12)
+    assert found[0][0].wall == pytest.approx(WALL, abs=0.05)

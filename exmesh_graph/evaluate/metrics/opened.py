@@ -6,17 +6,19 @@ show the lid count. Only there depth changes: a ray that meets the lid goes on t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from copy import copy
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import gaussian_filter, map_coordinates
 
 from exmesh_graph.geometry.hull import Grid, surface
 from exmesh_graph.geometry.lids import Lid, lids
 from exmesh_graph.geometry.openings import Lidded, Opening, best_opening
 from exmesh_graph.geometry.pixels import spread_over
-from exmesh_graph.io.color import linear_to_srgb
+from exmesh_graph.io.color import linear_to_srgb, srgb_to_linear
 from exmesh_graph.io.train_size import factor_for, reduced
 from exmesh_graph.raster import project, rasterize_projected
 from exmesh_graph.types import Views
@@ -29,6 +31,7 @@ _SHOWN = 30  # pixels of the lid that a photograph shows, at least
 _LEAST_VIEWS = 4
 _SHARE, _SIGMAS, _BETTER = 0.1, 6.0, 0.8  # of `Gain`, at least
 _SIGMAS_OF_ALL = 5.0  # where every photograph is foretold better
+_DETAIL = 3.0  # pixels: standard deviation of what a pixel is compared with for `detailed`
 
 
 @dataclass(frozen=True)
@@ -50,17 +53,41 @@ class Gain:
 
 
 def openings(values: np.ndarray, grid: Grid, views: Views) -> list[tuple[Opening, Gain]]:
-    """What the photographs find open in a solid, the field [I, J, K] positive inside, through each of its lids."""
+    """What the photographs find open in a solid, the field [I, J, K] positive inside, through each of its lids.
+
+    They say whether a lid is open, and how deep behind which wall; where their detail is foretold better as well, it
+    says that with them. For what metal mirrors lies elsewhere than its surface, and only a pattern on it lies there.
+    """
     vertices, faces = surface(values, grid)
     around: Surroundings | None = None
     found = []
     for lid in lids(values, grid, vertices, faces):
         around = around or Surroundings(reduced(views, factor_for(views, _SIDE, 0)), vertices, faces)
-        judge = Judge(around, lid)
-        opening = best_opening(Lidded(values, grid, vertices, faces, lid), judge) if judge.able else None
-        if opening is not None and (gain := judge.gain(opening)).enough:
-            found.append((opening, gain))
+        judge, lidded = Judge(around, lid), Lidded(values, grid, vertices, faces, lid)
+        opening = best_opening(lidded, judge) if judge.able else None
+        if opening is None or not (gain := judge.gain(opening)).enough:
+            continue
+        detail = Judge(around.seeing(detailed(around.views)), lid)
+        both = best_opening(lidded, _mean_of(judge, detail))
+        if both is not None and detail(both) >= _SHARE and judge(both) > 0:
+            opening, gain = both, judge.gain(both)
+        found.append((opening, gain))
     return found
+
+
+def _mean_of(*judges: Judge) -> Callable[[Opening], float]:
+    return lambda opening: float(np.mean([judge(opening) for judge in judges]))
+
+
+def detailed(views: Views) -> Views:
+    """Photographs less the mean about each pixel of the object, in display values about one half."""
+    pictures = []
+    for picture, alpha in zip(views.images, views.alpha, strict=True):
+        held = (alpha > 0.5).astype(np.float64)
+        values, weight = shown(picture.astype(np.float64)), gaussian_filter(held, _DETAIL)
+        about = gaussian_filter(values * held[..., None], (_DETAIL, _DETAIL, 0)) / np.maximum(weight, 1e-3)[..., None]
+        pictures.append(srgb_to_linear(np.clip(0.5 + values - about, 0, 1)).astype(np.float32))
+    return replace(views, images=np.stack(pictures))
 
 
 class Surroundings:
@@ -76,6 +103,12 @@ class Surroundings:
         self.depth, self.face = (np.stack([one[part] for one in drawn]) for part in (0, 1))
         axes = self.poses[:, :3, 2]
         self.near = np.argsort(-(axes @ axes.T), axis=1, kind="stable")[:, 1 : _NEAREST + 1]
+
+    def seeing(self, views: Views) -> Surroundings:
+        """The same surface before other pictures of the same cameras."""
+        other = copy(self)
+        other.views = views
+        return other
 
     def exposure(self, view: int) -> np.ndarray:
         """float64 [3]: what a view's photograph is, channel by channel, times what its neighbours foretell of it."""
