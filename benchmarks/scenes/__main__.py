@@ -62,7 +62,7 @@ def _make(options: argparse.Namespace) -> int:
         began = time.perf_counter()
         place = make(
             name, options.out, size, worlds=options.worlds, envmaps=options.envmaps, threads=options.threads,
-            moves=options.moves, near=options.near,
+            moves=options.moves, near=options.near, ring=options.ring,
         )  # fmt: skip
         print(f"{name}: {place}, {time.perf_counter() - began:.0f} s", flush=True)
     return 0
@@ -100,6 +100,8 @@ def arguments() -> argparse.Namespace:
             part.add_argument("--moves", choices=["turntable", "camera"], default="", help=moves)
             near = "close-ups among the training pictures, into FOLDER/NAME_near"
             part.add_argument("--near", action="store_true", help=near)
+            ring = "all cameras some 30 degrees up, into FOLDER/NAME_ring"
+            part.add_argument("--ring", action="store_true", help=ring)
             part.add_argument("--envmaps", type=Path, help="relight by the EXR maps of this folder too")
             part.add_argument("--threads", type=int, default=0)
     part = commands.add_parser("lights")

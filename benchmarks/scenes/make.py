@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,8 @@ class Size:
 QUICK = Size(128, 12, 3, (9, 32, 18), 512)
 #: The sample of the repository: 8-bit pictures only.
 SAMPLE = Size(256, 36, 6, (100, 242, 128), 256, 64, hdr=False)
+#: Heights over distance of cameras in one ring: some 30 degrees up.
+RING = (0.48, 0.52)
 
 
 def make(
@@ -51,6 +53,7 @@ def make(
     threads: int = 0,
     moves: str = "",
     near: bool = False,
+    ring: bool = False,
 ) -> Path:
     """Make what is missing of the scene in out / name; returns that folder.
 
@@ -58,8 +61,10 @@ def make(
     envmaps  a folder of EXR maps to relight the test views by besides the recipe's own
     moves    "turntable" or "camera": what the light of the photographs moves with; the folder is out / name_moves
     near     every other training picture is a close-up; the folder is out / name_near
+    ring     all cameras look down from one height, as one walk around makes them; the folder is out / name_ring
     """
-    recipe, folder = RECIPES[name], out / "_".join([name, *[moves] * bool(moves), *["near"] * near])
+    recipe = replace(RECIPES[name], heights=RING) if ring else RECIPES[name]
+    folder = out / "_".join([name, *[moves] * bool(moves), *["near"] * near, *["ring"] * ring])
     for place in ("train", "test", "test_rli", "envmaps", "mesh"):
         (folder / place).mkdir(parents=True, exist_ok=True)
     began, busy = time.perf_counter(), time.process_time()
