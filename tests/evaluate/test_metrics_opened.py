@@ -123,5 +123,7 @@ def soft(views, light=0.2):
 def test_detail_says_how_deep_a_mouth_is_that_mirrors(solid, cup):
     found = openings(*solid, soft(cup[0]))
     assert len(found) == 1
-    assert found[0][0].depth == pytest.approx(DEPTH, abs=0.12)
-    assert found[0][0].wall == pytest.approx(WALL, abs=0.05)
+    opening, gain = found[0]
+    assert opening.depth == pytest.approx(DEPTH, abs=0.12)
+    assert opening.wall == pytest.approx(WALL, abs=0.05)
+    assert gain.detail > 0.1

@@ -38,12 +38,13 @@ _DETAIL = 3.0  # pixels: standard deviation of what a pixel is compared with for
 class Gain:
     """By how much the error of the lid's pixels falls, as a share of it; the same in standard errors (of a ratio of
     sums over photographs); the share of the photographs that are foretold better; that of the pixels which no other
-    photograph shows."""
+    photograph shows; by what share the error of their detail falls, where that had a say in the lengths."""
 
     share: float
     sigmas: float
     better: float
     unseen: float
+    detail: float = 0.0
 
     @property
     def enough(self) -> bool:
@@ -70,7 +71,7 @@ def openings(values: np.ndarray, grid: Grid, views: Views) -> list[tuple[Opening
         detail = Judge(around.seeing(detailed(around.views)), lid)
         both = best_opening(lidded, _mean_of(judge, detail))
         if both is not None and detail(both) >= _SHARE and judge(both) > 0:
-            opening, gain = both, judge.gain(both)
+            opening, gain = both, replace(gain, detail=detail(both))
         found.append((opening, gain))
     return found
 
