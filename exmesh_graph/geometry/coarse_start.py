@@ -137,9 +137,8 @@ def openings_row(found: Sequence[tuple[np.ndarray, float, float, float, Any]]) -
     """
     told = [
         f"Through a lid of radius {radius:.2f} that faces ({', '.join(f'{part:.1f}' for part in normal)}) photographs "
-        f"are foretold {gain.share:.0%} better ({gain.sigmas:.1f} standard errors)"
-        f"{f' and their detail {gain.detail:.0%} better' if gain.detail else ''} over a hollow {depth:.2f} deep behind "
-        f"walls of {wall:.2f}."
+        f"are foretold {gain.share:.0%} better ({gain.sigmas:.1f} standard errors): a hollow {depth:.2f} deep behind "
+        f"walls of {wall:.2f}{f', by their detail as well, foretold {gain.detail:.0%} better' if gain.detail else ''}."
         for normal, radius, wall, depth, gain in found
     ]
     evidence = {f"{number}.{name}": value for number, (*_, gain) in enumerate(found, 1)
