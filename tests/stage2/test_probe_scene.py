@@ -248,7 +248,7 @@ def test_fits_for_metal_go_the_way_of_whole_ones(matte, monkeypatch):
         return run(self, steps, rate, last, draw, light_first)
 
     monkeypatch.setattr(ShortFit, "run", ran)
-    fits.restarted(short.Part(metal.METALLIC)).agreeing(50)
+    fits.restarted(short.Part(metal.TOGETHER)).agreeing(50)
     gathered, rates = ("gather", short.WIDTH), [short.LAST_RATE**share for share in (0, 0.5, 0.6, 0.8, 1)]
     assert [row[:2] for row in told] == [
         (25, 0), ("agree", 0.25), (5, 0), gathered, (10, 5), gathered, (10, 5)
