@@ -3,6 +3,7 @@
 Bumpers of chrome on a lacquered car are a twelfth of its pixels, and pictures gain a tenth of a decibel by them. But
 where they are the gain is clear, and paint that was taken for metal is drawn worse where no fitted camera stood. So
 the fits are as whole ones are, with texels of one colour that agree half way, and their metal's own pixels decide.
+Where that leaves it open each texel is asked for itself: paint of the metal's colour would agree with it.
 """
 
 from __future__ import annotations

@@ -16,6 +16,7 @@ import pytest
 
 from exmesh_graph.graph.run.backends.local import Local
 from exmesh_graph.graph.run.runner import NodeFailed
+from tests.graph.counting import count
 
 TOY = Path(__file__).parent.parent / "toy"
 
@@ -218,11 +219,6 @@ nodes:
   c: {type: toy.slow, number: "@a.number", seconds: 0.3}
 """
     assert sorted(states(run(bench, text, tokens={"cpu": 2})).values()) == ["done", "done", "hit"]
-
-
-def count(more: str = "", steps: int = 60) -> str:
-    """A graph whose one long node counts to `steps`; `more` is what else it is told."""
-    return f'nodes: {{a: {{type: toy.const}}, n: {{type: toy.count, number: "@a.number", steps: {steps}{more}}}}}'
 
 
 @pytest.mark.thorough

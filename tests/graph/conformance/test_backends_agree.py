@@ -16,6 +16,7 @@ from exmesh_graph.graph.run.job import DONE, FAILED, STOPPED, Job, Outcome
 from exmesh_graph.graph.run.rundir import RunFolder
 from exmesh_graph.graph.run.runner import NodeFailed, Runner
 from exmesh_graph.graph.run.schedule import Pool
+from tests.graph.counting import count
 
 GRAPH = """
 name: conformance
@@ -192,11 +193,6 @@ def test_progress_logs_and_prints_arrive(bench: Any, run_on: Any, kind: str) -> 
             "about to nothing",
             "a native library says so",
         )
-
-
-def count(more: str = "", name: str = "n", steps: int = 60) -> str:
-    """A graph whose one long node counts to `steps`; `more` is what else it is told."""
-    return f'nodes: {{a: {{type: toy.const}}, {name}: {{type: toy.count, number: "@a.number", steps: {steps}{more}}}}}'
 
 
 @pytest.mark.thorough
