@@ -5,7 +5,9 @@ ones: `pairs`), and what the matches support best of three mappings (`mapping`).
 they do here.
 
 Pictures far apart leave few points. Then it is done again with patches of affine shape and with matches that are looked
-for along epipolar lines (both COLMAP's), which find more points, a little less precisely.
+for along epipolar lines (both COLMAP's), which find more points, a little less precisely. Where some pictures are still
+without a camera, so in pictures whose contrast was made even (`contrast`): SIFT leaves out what differs by less than a
+hundredth of white, which on dark or smooth things is nearly all there is.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from exmesh_graph.errors import DataError
+from exmesh_graph.io.contrast import even_pictures
 from exmesh_graph.io.images import picture_size, write_image
 from exmesh_graph.io.mapping import SEEN_BY, Mapped, map_cameras
 from exmesh_graph.io.normalise import some
@@ -58,7 +61,7 @@ class Motion:
     error            mean reprojection error in pixels
     focal_known      whether a focal length was given or stood in the EXIF data
     how              which mapping they are from, or whose cameras they are
-    matching         plain or wide; "" for cameras of another program
+    matching         plain, wide or even; "" for cameras of another program
     dropped          names of pictures that were left out before cameras were looked for, by reason
     """
 
@@ -130,8 +133,10 @@ def find_motion(
              None: all are of one size, and one lens
     tell     is told what is being done
     `settings.matching`: auto matches again in the wide way where points are few or pictures have no camera, and takes
-    what gives more pictures cameras or, of as many pictures, clearly more points. `settings.turntable`: where something
-    turns before what stands still (`still`), features are taken again from what turns alone.
+    what gives more pictures cameras or, of as many pictures, clearly more points. Where some are still without, it does
+    so in even pictures, and takes these only for more cameras: their points are less precise.
+    `settings.turntable`: where something turns before what stands still (`still`), features are taken again from what
+    turns alone.
     The same pictures, seed and version give the same bytes: mapping runs on one thread, whatever `threads` says of
     features and matching. Pictures that hang on the others by pairs alone are left out (`mapping.tied`).
     Raises DataError, naming pictures, where fewer than the share `registered` (or than three) get a camera,
@@ -148,7 +153,11 @@ def find_motion(
             database = work / place / "database.db"
             colmap.set_random_seed(seed)
             tell(f"features of {len(names)} pictures ({matching} matching)")
-            _features(colmap, database, folder, names, shown, settings, lenses, affine=matching == "wide")
+            drawn = folder
+            if matching == "even":
+                drawn = work / place / "pictures"
+                even_pictures(images, drawn, settings.threads or usable_cores())
+            _features(colmap, database, folder, names, shown, settings, lenses, drawn, affine=matching != "plain")
             _match(colmap, database, names, settings, seed, matching, tell)
             return database
 
@@ -174,6 +183,9 @@ def find_motion(
             more = wide.sightings >= GROWTH * motion.sightings
             if len(wide.left_out) < len(motion.left_out) or (more and len(wide.left_out) == len(motion.left_out)):
                 motion = wide
+            if motion.left_out:
+                even = found("even", matched("even", "even", shown))
+                motion = even if len(even.left_out) < len(motion.left_out) else motion
     finally:
         colmap.logging.minloglevel = level
     _check_enough(names, motion.left_out, settings, folder, turned=bool(moving))
@@ -191,7 +203,7 @@ def _match(
 ) -> None:
     """Matches of all pairs of pictures or, of many pictures, of the likely ones, verified pair by pair."""
     options = colmap.FeatureMatchingOptions()
-    options.num_threads, options.guided_matching = settings.threads or usable_cores(), matching == "wide"
+    options.num_threads, options.guided_matching = settings.threads or usable_cores(), matching != "plain"
     verify = colmap.TwoViewGeometryOptions()
     verify.ransac.random_seed, verify.ransac.num_threads = seed, 1
     common = {"matching_options": options, "verification_options": verify, "device": colmap.Device.cpu}
@@ -226,10 +238,11 @@ def _features(
     masks: Path | None,
     settings: MotionSettings,
     through: Mapping[str, Through],
+    drawn: Path,
     *,
     affine: bool,
 ) -> None:
-    """Pictures, lens after lens, their cameras and features into a new database."""
+    """Pictures, lens after lens, their cameras and features into a new database; the features from `drawn`."""
     mode = colmap.CameraMode.SINGLE if settings.one_camera else colmap.CameraMode.PER_IMAGE
     options = colmap.FeatureExtractionOptions()
     options.num_threads, options.max_image_size = settings.threads or usable_cores(), settings.feature_size
@@ -245,7 +258,7 @@ def _features(
         common = {"camera_mode": mode, "image_names": group}
         colmap.import_images(database, folder, options=reader, **common)  # so that numbers do not depend on threads
         colmap.extract_features(
-            database, folder, reader_options=reader, extraction_options=options, device=colmap.Device.cpu, **common
+            database, drawn, reader_options=reader, extraction_options=options, device=colmap.Device.cpu, **common
         )
 
 

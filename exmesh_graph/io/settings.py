@@ -139,7 +139,7 @@ class OrbOptions(Params):
     checks: Checks = param("error", doc=_CHECKS)
 
 
-Matching = Literal["auto", "plain", "wide"]
+Matching = Literal["auto", "plain", "wide", "even"]
 
 
 class MotionSettings(Params):
@@ -166,7 +166,8 @@ class MotionSettings(Params):
     matching: Matching = param(
         "auto",
         doc="plain: upright patches, precise; wide: affine patches and matches along epipolar lines, which bear larger "
-        "turns of the camera; auto: wide where plain leaves pictures with few points.",
+        "turns of the camera; even: wide, on pictures of even contrast, for dark and smooth ones; auto: wide where "
+        "plain leaves pictures with few points or without a camera, and even where wide leaves some without.",
     )
     partners: int = param(
         30,

@@ -282,18 +282,22 @@ def test_the_sphere_without_masks_holds_what_the_cameras_look_at():
 
 
 @pytest.mark.parametrize(
-    ("plain", "wide", "taken"),
+    ("plain", "wide", "even", "taken"),
     [
-        ((300, 0), None, "plain"),  # enough: not done again
-        ((90, 0), (200, 0), "wide"),
-        ((90, 0), (100, 0), "plain"),  # hardly more: the precise ones
-        ((300, 2), (280, 0), "wide"),  # more pictures
-        ((90, 1), (300, 3), "plain"),  # fewer pictures
+        ((300, 0), None, None, "plain"),  # enough: not done again
+        ((90, 0), (200, 0), None, "wide"),
+        ((90, 0), (100, 0), None, "plain"),  # hardly more: the precise ones
+        ((300, 2), (280, 0), None, "wide"),  # more pictures
+        ((90, 1), (300, 3), (300, 1), "plain"),  # fewer pictures, and no more
+        ((90, 3), (100, 2), (80, 1), "even"),
+        ((90, 3), (100, 2), (300, 2), "wide"),  # no more pictures: the more precise ones
     ],
 )
-def test_few_points_are_looked_for_in_the_wide_way(monkeypatch, tmp_path, plain, wide, taken):
-    """(sightings a picture, pictures without a camera) of either way; which is taken."""
-    given = {"plain": plain, "wide": wide}
+def test_few_points_are_looked_for_in_the_wide_way_and_in_even_pictures(
+    monkeypatch, tmp_path, plain, wide, even, taken
+):
+    """(sightings a picture, pictures without a camera) of each way, None: it must not be tried; which is taken."""
+    given = {"plain": plain, "wide": wide, "even": even}
     images = [tmp_path / f"{k}.png" for k in range(12)]
     names = [image.name for image in images]
 
@@ -306,10 +310,10 @@ def test_few_points_are_looked_for_in_the_wide_way(monkeypatch, tmp_path, plain,
 
     colmap = SimpleNamespace(logging=SimpleNamespace(minloglevel=0), set_random_seed=lambda seed: None)
     monkeypatch.setattr(motion, "import_pycolmap", lambda: colmap)
-    for nothing in ("_features", "_match", "map_cameras", "turning_masks"):
+    for nothing in ("_features", "_match", "map_cameras", "turning_masks", "even_pictures"):
         monkeypatch.setattr(motion, nothing, lambda *given, **named: None)
     monkeypatch.setattr(motion, "motion_of", found)
-    for way in ("auto", "plain") + (("wide",) if wide else ()):
+    for way in ("auto", *(way for way, figures in given.items() if figures)):
         work = tmp_path / way
         work.mkdir()
         settings = MotionSettings(matching=way)
