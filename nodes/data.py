@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from exmesh_graph.gpu.settings import ALL_CORES
 from exmesh_graph.graph.declare.node import Context, facets, node
@@ -189,7 +190,7 @@ def _photo_files(p: PhotosParams) -> Mapping[str, Path]:
 
 @node(
     "data.photos",
-    version="2",
+    version="3",
     libraries=("OpenImageIO", "scipy", "scikit-image", "pycolmap", "networkx", "pillow", "torch", "warp-lang"),
     sources=_photo_files,
     resources=ALL_CORES,
@@ -211,7 +212,26 @@ def photos(ctx: Context, *, p: PhotosParams) -> PhotosOut:
         f"cameras of {figures['registered']} of {figures['pictures']} pictures ({motion.told}), {len(points)} "
         f"points, reprojection error {motion.error:.2f} px, focal length {figures['focal']:.0f} px {known}"
     )
+    if p.adjust and motion.found and not motion.turned and not scene.train.has_masks:
+        scene = _adjusted(ctx, scene, points, figures, p)
     return PhotosOut(*_views(ctx, scene), points, Metrics(figures))
+
+
+def _adjusted(ctx: Context, scene: Scene, points: PointCloud, figures: dict[str, Any], p: PhotosParams) -> Scene:
+    import numpy as np
+
+    from exmesh_graph.priors.adjust.cameras import adjust_scene
+
+    train, test, adjusted = adjust_scene(
+        scene.train, scene.test, points, seed=ctx.seed, threads=p.threads, tell=ctx.log
+    )
+    moved, (before, after) = adjusted.moved, adjusted.correlation
+    figures["adjusted_px"], figures["adjusted_most_px"] = float(np.median(moved)), float(moved.max())
+    ctx.log(
+        f"cameras adjusted: pictures move by {np.median(moved):.1f} pixels (median; at most {moved.max():.1f}), and "
+        f"their patches agree to {after:.3f} in place of {before:.3f}"
+    )
+    return replace(scene, train=train, test=test)
 
 
 class _MapFolder(Params):

@@ -63,6 +63,7 @@ class Motion:
     how              which mapping they are from, or whose cameras they are
     matching         plain, wide or even; "" for cameras of another program
     dropped          names of pictures that were left out before cameras were looked for, by reason
+    turned           whether something turned before what stood still, which was left out
     """
 
     camera_to_world: Mapping[str, np.ndarray]
@@ -77,6 +78,12 @@ class Motion:
     how: str
     matching: str = "plain"
     dropped: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    turned: bool = False
+
+    @property
+    def found(self) -> bool:
+        """Whether the cameras are from the pictures, not from another program."""
+        return bool(self.matching)
 
     @property
     def sightings(self) -> float:
@@ -86,7 +93,7 @@ class Motion:
     @property
     def told(self) -> str:
         """Where the cameras are from."""
-        return f"{self.how} mapping" if self.matching else f"{self.how} own"
+        return f"{self.how} mapping" if self.found else f"{self.how} own"
 
     def figures(self) -> dict[str, Any]:
         """For the report: counts, names of what was left out, error, and the (mean) lens."""
@@ -189,7 +196,7 @@ def find_motion(
     finally:
         colmap.logging.minloglevel = level
     _check_enough(names, motion.left_out, settings, folder, turned=bool(moving))
-    return motion
+    return replace(motion, turned=bool(moving))
 
 
 def _match(

@@ -195,6 +195,10 @@ class PhotosOptions(TrainSize, MotionSettings):
         doc="auto: those of COLMAP, nerfstudio or Metashape where their files lie in the folder, else found from the "
         "pictures; file: these, or an error; find: found from the pictures.",
     )
+    adjust: bool = param(
+        True,
+        doc="Adjust the cameras found until the photographs agree pixel by pixel; not with masks, nor on turntables.",
+    )
     masks: bool = param(True, doc="Use masks where they are there.")
     frames: int = param(
         60, ge=3, doc="Frames of a video: the sharpest of so many equal parts of the way that its pictures move."

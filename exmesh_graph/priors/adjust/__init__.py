@@ -1,0 +1,1 @@
+"""Cameras adjusted until photographs agree pixel by pixel: photometric bundle adjustment."""

@@ -1,0 +1,200 @@
+"""Cameras that structure from motion found, adjusted to the photographs themselves.
+
+Features are few where things are smooth, dark or out of focus, and each is off by a good part of a pixel: cameras are
+then off by one pixel, some by ten. Photographs hold far more: every patch with paint on it, of table and object alike.
+Depth by stereo says where patches of one photograph lie in the others; cameras and depths are then moved together until
+they look alike there: photometric bundle adjustment (Alismail, Browning and Lucey 2016; Engel, Koltun, Cremers 2018).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from exmesh_graph.gpu.torch_setup import sharing
+from exmesh_graph.io.cameras import scale_intrinsics
+from exmesh_graph.io.contrast import even_contrast
+from exmesh_graph.io.reduce import downscale_area
+from exmesh_graph.io.train_size import factor_for
+from exmesh_graph.priors.adjust.patches import Patches, patches_of
+from exmesh_graph.priors.adjust.system import Level, Share, level_of, share_of
+from exmesh_graph.priors.patch_match.estimate import patch_match
+from exmesh_graph.priors.patch_match.sources import choose_sources
+from exmesh_graph.priors.settings import PatchMatchSettings
+from exmesh_graph.resources import usable_cores
+from exmesh_graph.targets import prepare_targets
+from exmesh_graph.types import PointCloud, Views
+
+#: Longer side of the pictures compared last, and of those of stereo; sizes in all, each half the one before.
+SIDE, STEREO, SIZES = 720, 360, 4
+#: Gauss-Newton steps at each size, views that a patch is looked for in, and its damping over the mean curvature.
+STEPS, SOURCES, DAMPING = 4, 8, 1e-3
+_LEAST_SIDE = 48
+_FARTHEST = 0.03
+"""Change of a depth in one step, as a share of it, at most."""
+
+
+@dataclass(frozen=True)
+class Adjusted:
+    """camera_to_world float64 [N, 4, 4]; `moved` float64 [N], pixels by which its patches shifted in each view;
+    correlation of patches with the other views, (before, after), weighted by how well they fit, at half size."""
+
+    camera_to_world: np.ndarray
+    moved: np.ndarray
+    correlation: tuple[float, float]
+
+
+def adjust_scene(
+    train: Views,
+    test: Views,
+    points: PointCloud | None = None,
+    *,
+    seed: int = 0,
+    threads: int = 0,
+    tell: Callable[[str], None] = lambda _: None,
+) -> tuple[Views, Views, Adjusted]:
+    """Both with their cameras adjusted together (`adjust_cameras`), and what that did, training views first."""
+    factor = factor_for(train, SIDE, 0)
+    larger = max(1, round(test.width / train.width)) if len(test) else 1  # training pictures may have been reduced
+    parts = [_reduced(train, factor), *([_reduced(test, factor * larger)] if len(test) else [])]
+    adjusted = adjust_cameras(_together(parts), points, seed=seed, threads=threads, tell=tell)
+    first, second = np.split(adjusted.camera_to_world, [len(train)])
+    return replace(train, camera_to_world=first), replace(test, camera_to_world=second), adjusted
+
+
+def adjust_cameras(
+    views: Views,
+    points: PointCloud | None = None,
+    *,
+    seed: int = 0,
+    threads: int = 0,
+    tell: Callable[[str], None] = lambda _: None,
+) -> Adjusted:
+    """`views`, without masks and of a world that stands still, under cameras by which they agree best.
+
+    The least squares of `system.share_of` in twists of all cameras and depths of all patches, coarse to fine; the
+    depths are eliminated patch by patch (Schur complement), and damping keeps the world where it was. Lens and focal
+    length stay. Where patches agree no better afterwards, the cameras are the ones given. Equal arguments give equal
+    bytes on any number of cores. Raises DataError for fewer than two views.
+    """
+    with sharing(threads), ThreadPoolExecutor(threads or usable_cores()) as pool:
+        tell("stereo, for the adjustment of the cameras")
+        stereo = patch_match(views, PatchMatchSettings(side=STEREO), points=points, seed=seed)
+        levels = _levels(views)
+        chosen = choose_sources(
+            views.intrinsics, views.camera_to_world, views.height, views.width, SOURCES,
+            None if points is None else points.points,
+        )  # fmt: skip
+        patches = [
+            patches_of(levels[-1].gray[k], levels[-1].intrinsics[k], stereo.depths.depth[k], stereo.normals[k])
+            for k in range(len(views))
+        ]
+        poses, logs = views.camera_to_world.copy(), [np.zeros(len(one)) for one in patches]
+        judge = max(len(levels) - 2, 0)
+        before, _ = _correlation(levels[judge], patches, logs, chosen, poses, pool)
+        for k, level in enumerate(levels):
+            tell(
+                f"adjusting cameras at {level.gray.shape[2]} x {level.gray.shape[1]} pixels ({k + 1} of {len(levels)})"
+            )
+            for _ in range(STEPS):
+                poses, logs = _step(level, patches, logs, chosen, poses, pool)
+        after, _ = _correlation(levels[judge], patches, logs, chosen, poses, pool)
+    if not after > before:
+        poses, logs = views.camera_to_world.copy(), [np.zeros(len(one)) for one in patches]
+    return Adjusted(poses, _moved(views, patches, poses), (before, after))
+
+
+def _reduced(views: Views, factor: int) -> Views:
+    """In memory, at 1 / `factor` of the size; sizes that it does not divide lose their last rows or columns."""
+    tall, wide = views.height // factor * factor, views.width // factor * factor
+    images, alpha = (
+        np.stack([downscale_area(np.asarray(stack[k])[:tall, :wide], factor) for k in range(len(views))])
+        for stack in (views.images, views.alpha)
+    )
+    return replace(views, images=images, alpha=alpha, intrinsics=scale_intrinsics(views.intrinsics, factor))
+
+
+def _together(parts: list[Views]) -> Views:
+    joined: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts])
+        for name in ("images", "alpha", "intrinsics", "camera_to_world")
+    }
+    return replace(parts[0], names=tuple(name for part in parts for name in part.names), **joined)
+
+
+def _levels(views: Views) -> list[Level]:
+    """Even pictures, the coarsest first."""
+    factor = max(1, -(-max(views.width, views.height) // SIDE))
+    targets = prepare_targets(views, downscale=factor)
+    gray = np.stack([even_contrast(image.numpy().mean(axis=2)) for image in targets.images]).astype(np.float32)
+    levels = [level_of(gray, targets.intrinsics.numpy())]
+    while len(levels) < SIZES and min(levels[0].gray.shape[1:]) >= 2 * _LEAST_SIDE:
+        levels.insert(0, levels[0].halved())
+    return levels
+
+
+def _shares(
+    level: Level, patches: list[Patches], logs: list[np.ndarray], chosen: np.ndarray, poses: np.ndarray,
+    pool: ThreadPoolExecutor,
+) -> list[Share | None]:  # fmt: skip
+    """What each view's patches say, in the order of the views, whichever thread made it."""
+    return list(pool.map(lambda k: share_of(level, k, patches[k], logs[k], chosen[k], poses), range(len(poses))))
+
+
+def _correlation(
+    level: Level, patches: list[Patches], logs: list[np.ndarray], chosen: np.ndarray, poses: np.ndarray,
+    pool: ThreadPoolExecutor,
+) -> tuple[float, float]:  # fmt: skip
+    """(mean correlation of what can be compared, negative ones as none; how much that is)."""
+    sums = [(share.agreement, share.compared) for share in _shares(level, patches, logs, chosen, poses, pool) if share]
+    agreement, compared = (sum(part) for part in zip(*sums, strict=True)) if sums else (0.0, 0.0)
+    return agreement / max(compared, 1.0), compared
+
+
+def _step(
+    level: Level, patches: list[Patches], logs: list[np.ndarray], chosen: np.ndarray, poses: np.ndarray,
+    pool: ThreadPoolExecutor,
+) -> tuple[np.ndarray, list[np.ndarray]]:  # fmt: skip
+    """One damped Gauss-Newton step: (poses, logarithms of depths over those of stereo)."""
+    shares = _shares(level, patches, logs, chosen, poses, pool)
+    size = 6 * len(poses)
+    curvature, slope = np.zeros((size, size)), np.zeros(size)
+    for share in shares:
+        if share is not None:
+            share.add(curvature, slope)
+    scale = np.trace(curvature) / size
+    if scale <= 0:
+        return poses, logs
+    twists = -np.linalg.solve(curvature + DAMPING * scale * np.eye(size), slope)
+    moved = np.stack([_motion(twist) @ pose for twist, pose in zip(twists.reshape(-1, 6), poses, strict=True)])
+    changed = [
+        log if share is None else log + np.clip(share.depths(twists), -_FARTHEST, _FARTHEST)
+        for log, share in zip(logs, shares, strict=True)
+    ]
+    return moved, changed
+
+
+def _motion(twist: np.ndarray) -> np.ndarray:
+    """4 x 4 of a rotation vector and a shift in the world."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = Rotation.from_rotvec(twist[:3]).as_matrix(), twist[3:]
+    return matrix
+
+
+def _moved(views: Views, patches: list[Patches], poses: np.ndarray) -> np.ndarray:
+    """Pixels of the views, the mean over a view's own patches: where its old and its new camera show them."""
+    shifts = np.zeros(len(views))
+    for k, one in enumerate(patches):
+        if len(one):
+            world = (
+                one.rays * one.depths[:, None] @ views.camera_to_world[k, :3, :3].T + views.camera_to_world[k, :3, 3]
+            )
+            local = (world - poses[k, :3, 3]) @ poses[k, :3, :3]
+            off = local[:, :2] / local[:, 2:] - one.rays[:, :2]
+            shifts[k] = np.linalg.norm(off * views.intrinsics[k, [0, 1], [0, 1]], axis=1).mean()
+    return shifts
