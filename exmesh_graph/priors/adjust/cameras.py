@@ -32,8 +32,10 @@ from exmesh_graph.types import PointCloud, Views
 
 #: Longer side of the pictures compared last, and of those of stereo; sizes in all, each half the one before.
 SIDE, STEREO, SIZES = 720, 360, 4
-#: Gauss-Newton steps at each size, views that a patch is looked for in, and its damping over the mean curvature.
-STEPS, SOURCES, DAMPING = 4, 8, 1e-3
+#: Gauss-Newton steps at each size at most, views that a patch is looked for in, and damping over the mean curvature.
+STEPS, SOURCES, DAMPING = 6, 8, 1e-3
+_STILL = 0.1
+"""Pixels of a size (about; the largest part of a twist by the focal length): a lesser step is its last."""
 _LEAST_SIDE = 48
 _FARTHEST = 0.03
 """Change of a depth in one step, as a share of it, at most."""
@@ -102,7 +104,9 @@ def adjust_cameras(
                 f"adjusting cameras at {level.gray.shape[2]} x {level.gray.shape[1]} pixels ({k + 1} of {len(levels)})"
             )
             for _ in range(STEPS):
-                poses, logs = _step(level, patches, logs, chosen, poses, pool)
+                poses, logs, change = _step(level, patches, logs, chosen, poses, pool)
+                if change * level.intrinsics[0, 0, 0] < _STILL:
+                    break
         after, _ = _correlation(levels[judge], patches, logs, chosen, poses, pool)
     if not after > before:
         poses, logs = views.camera_to_world.copy(), [np.zeros(len(one)) for one in patches]
@@ -159,8 +163,8 @@ def _correlation(
 def _step(
     level: Level, patches: list[Patches], logs: list[np.ndarray], chosen: np.ndarray, poses: np.ndarray,
     pool: ThreadPoolExecutor,
-) -> tuple[np.ndarray, list[np.ndarray]]:  # fmt: skip
-    """One damped Gauss-Newton step: (poses, logarithms of depths over those of stereo)."""
+) -> tuple[np.ndarray, list[np.ndarray], float]:  # fmt: skip
+    """One damped Gauss-Newton step: (poses, logarithms of depths over those of stereo, the largest part of a twist)."""
     shares = _shares(level, patches, logs, chosen, poses, pool)
     size = 6 * len(poses)
     curvature, slope = np.zeros((size, size)), np.zeros(size)
@@ -169,14 +173,14 @@ def _step(
             share.add(curvature, slope)
     scale = np.trace(curvature) / size
     if scale <= 0:
-        return poses, logs
+        return poses, logs, 0.0
     twists = -np.linalg.solve(curvature + DAMPING * scale * np.eye(size), slope)
     moved = np.stack([_motion(twist) @ pose for twist, pose in zip(twists.reshape(-1, 6), poses, strict=True)])
     changed = [
         log if share is None else log + np.clip(share.depths(twists), -_FARTHEST, _FARTHEST)
         for log, share in zip(logs, shares, strict=True)
     ]
-    return moved, changed
+    return moved, changed, float(np.abs(twists).max())
 
 
 def _motion(twist: np.ndarray) -> np.ndarray:

@@ -162,8 +162,9 @@ def _seen(
     unit, spread = _unit(values[..., 0])
     # z is of unit deviation and without mean: what only changes these does not change it
     slopes = slopes - slopes.mean(dim=1, keepdim=True)
-    along = (unit[..., None] * slopes).mean(dim=1, keepdim=True)
-    return unit, (slopes - unit[..., None] * along) / (spread + _FLOOR)[:, None, None], shown, spread
+    over = (spread + _FLOOR)[:, None, None]
+    along = (unit[..., None] * slopes).mean(dim=1, keepdim=True) * over / (over - _FLOOR).clamp(min=1e-9)
+    return unit, (slopes - unit[..., None] * along) / over, shown, spread
 
 
 def _unit(values: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
