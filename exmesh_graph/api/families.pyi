@@ -239,7 +239,7 @@ class _Data(Family):
         box: The object's box in the files' units; default: found from the masks.
         metres_per_unit: Metres in one unit of the files; 0 = unknown. [m, >= 0]
         """
-    def photos(self, name: str = "", *, path: str | PathLike[str] | Parameter, lens: Literal["pinhole", "radial", "opencv"] | Parameter = "radial", one_camera: bool | Parameter = True, focal: float | Parameter = 0.0, features: int | Parameter = 4096, feature_size: int | Parameter = 1600, registered: float | Parameter = 0.5, mapping: Literal["auto", "incremental", "easier", "global"] | Parameter = "auto", matching: Literal["auto", "plain", "wide"] | Parameter = "auto", partners: int | Parameter = 30, turntable: bool | Parameter = True, threads: int | Parameter = 0, train_side: int | Parameter = 0, train_megapixels: float | Parameter = 0.0, keep: Literal["all", "object"] | Parameter = "all", cameras: Literal["auto", "file", "find"] | Parameter = "auto", masks: bool | Parameter = True, frames: int | Parameter = 60, blurred: float | Parameter = 0.4, alike: float | Parameter = 0.002, megapixels: float | Parameter = 2.0, downscale: int | Parameter = 1, holdout: int | Parameter = 8, first: int | Parameter = 3, wrong_masks: int | Parameter = 1, checks: Literal["error", "warn", "off"] | Parameter = "error", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> TrainTestFramePointsCamerasNode:
+    def photos(self, name: str = "", *, path: str | PathLike[str] | Parameter, lens: Literal["pinhole", "radial", "opencv"] | Parameter = "radial", one_camera: bool | Parameter = True, focal: float | Parameter = 0.0, features: int | Parameter = 4096, feature_size: int | Parameter = 1600, registered: float | Parameter = 0.5, mapping: Literal["auto", "incremental", "easier", "global"] | Parameter = "auto", matching: Literal["auto", "plain", "wide", "even"] | Parameter = "auto", partners: int | Parameter = 30, turntable: bool | Parameter = True, threads: int | Parameter = 0, train_side: int | Parameter = 0, train_megapixels: float | Parameter = 0.0, keep: Literal["all", "object"] | Parameter = "all", cameras: Literal["auto", "file", "find"] | Parameter = "auto", adjust: bool | Parameter = True, masks: bool | Parameter = True, frames: int | Parameter = 60, blurred: float | Parameter = 0.4, alike: float | Parameter = 0.002, megapixels: float | Parameter = 2.0, downscale: int | Parameter = 1, holdout: int | Parameter = 8, first: int | Parameter = 3, wrong_masks: int | Parameter = 1, checks: Literal["error", "warn", "off"] | Parameter = "error", seed: int | Parameter = 0, at: dict[int, Any] = {}, every: dict[int, Any] = {}, each: str | list[str] = [], limits: dict[str, Any] = {}) -> TrainTestFramePointsCamerasNode:
         """A folder of photographs, or a video: cameras and sparse points by structure from motion (needs pycolmap).
 
         path: Folder of pictures (or its images/) with masks/ beside them, or alpha; or a video.
@@ -250,7 +250,7 @@ class _Data(Family):
         feature_size: Longer side of the pictures in which they are found. [px, >= 100]
         registered: Share of the pictures that must get a camera. [> 0, <= 1]
         mapping: Which of COLMAP's: incremental, with easier thresholds, global; or what most matches agree with.
-        matching: plain: upright patches, precise; wide: affine patches and matches along epipolar lines, which bear larger turns of the camera; auto: wide where plain leaves pictures with few points.
+        matching: plain: upright patches, precise; wide: affine patches and matches along epipolar lines, which bear larger turns of the camera; even: wide, on pictures of even contrast, for dark and smooth ones; auto: wide where plain leaves pictures with few points or without a camera, and even where wide leaves some without.
         partners: Of more than 80 pictures each is matched with so many that look most alike; 0: all pairs are matched. [pictures, >= 0]
         turntable: Where the object turns before a camera on a tripod: leave out the features that stand still.
         threads: For features and matching; mapping runs on one. 0: all cores of this process. [>= 0]
@@ -258,6 +258,7 @@ class _Data(Family):
         train_megapixels: Of all training pictures together at most, by such a factor; 0: no limit. [Mpx, >= 0]
         keep: Find cameras by the whole picture, or (turntable) by what the masks show only.
         cameras: auto: those of COLMAP, nerfstudio or Metashape where their files lie in the folder, else found from the pictures; file: these, or an error; find: found from the pictures.
+        adjust: Adjust the cameras found until the photographs agree pixel by pixel; not with masks, nor on turntables.
         masks: Use masks where they are there.
         frames: Frames of a video: the sharpest of so many equal parts of the way that its pictures move. [>= 3]
         blurred: Pictures with less than this share of the set's median sharpness are left out; 0: none is. [>= 0, < 1]
