@@ -166,7 +166,7 @@ def apart(views, found, true):
 
 
 def test_disturbed_cameras_of_a_painted_ball_come_back():
-    views = ball()
+    views = ball(120)
     begun = replace(views, camera_to_world=disturbed(views.camera_to_world))
     adjusted = adjust_cameras(begun)
     assert apart(views, begun.camera_to_world, views.camera_to_world) > 0.7
@@ -179,6 +179,7 @@ def test_disturbed_cameras_of_a_painted_ball_come_back():
     np.testing.assert_allclose(*centres, atol=0.02)  # the world is where it was
 
 
+@pytest.mark.thorough
 def test_right_cameras_stay():
     views = ball()
     assert apart(views, adjust_cameras(views).camera_to_world, views.camera_to_world) < 0.05
@@ -192,6 +193,7 @@ def test_pictures_without_paint_leave_the_cameras_as_they_are():
         adjust_cameras(blank.subset([0]))
 
 
+@pytest.mark.thorough
 def test_any_number_of_cores_gives_the_same_bytes():
     views, _ = wall(count=4, size=96)
     begun = replace(views, camera_to_world=disturbed(views.camera_to_world), has_masks=False)
@@ -202,6 +204,7 @@ def test_any_number_of_cores_gives_the_same_bytes():
     assert one == two == three
 
 
+@pytest.mark.thorough
 def test_training_and_test_views_are_adjusted_together_at_one_size():
     views = ball()
     begun = replace(views, camera_to_world=disturbed(views.camera_to_world))

@@ -32,10 +32,13 @@ from exmesh_graph.types import PointCloud, Views
 
 #: Longer side of the pictures compared last, and of those of stereo; sizes in all, each half the one before.
 SIDE, STEREO, SIZES = 720, 360, 4
-#: Gauss-Newton steps at each size at most, views that a patch is looked for in, and damping over the mean curvature.
-STEPS, SOURCES, DAMPING = 6, 8, 1e-3
-_STILL = 0.1
+#: Turns at most; Gauss-Newton steps at each size at most, views that a patch is looked for in, and damping over the
+#: mean curvature.
+ROUNDS, STEPS, SOURCES, DAMPING = 3, 20, 8, 1e-3
+_STILL = 0.15
 """Pixels of a size (about; the largest part of a twist by the focal length): a lesser step is its last."""
+_FAR = 2.0
+"""Pixels, the mean of a view: where one moved farther there is another turn."""
 _LEAST_SIDE = 48
 _FARTHEST = 0.03
 """Change of a depth in one step, as a share of it, at most."""
@@ -44,7 +47,7 @@ _FARTHEST = 0.03
 @dataclass(frozen=True)
 class Adjusted:
     """camera_to_world float64 [N, 4, 4]; `moved` float64 [N], pixels by which its patches shifted in each view;
-    correlation of patches with the other views, (before, after), weighted by how well they fit, at half size."""
+    mean correlation of patches with the other views, (before, after)."""
 
     camera_to_world: np.ndarray
     moved: np.ndarray
@@ -80,37 +83,52 @@ def adjust_cameras(
     """`views`, without masks and of a world that stands still, under cameras by which they agree best.
 
     The least squares of `system.share_of` in twists of all cameras and depths of all patches, coarse to fine; the
-    depths are eliminated patch by patch (Schur complement), and damping keeps the world where it was. Lens and focal
-    length stay. Where patches agree no better afterwards, the cameras are the ones given. Equal arguments give equal
-    bytes on any number of cores. Raises DataError for fewer than two views.
+    depths are eliminated patch by patch (Schur complement), and damping keeps the world where it was. Where some view
+    moved far, stereo was wrong there: it is done again under the new cameras, and so are they. Lens and focal length
+    stay. Where patches agree no better afterwards, the cameras are those before. Equal arguments give equal bytes on
+    any number of cores. Raises DataError for fewer than two views.
     """
+    levels, known = _levels(views), None if points is None else points.points
+    done = views
+    moved, first, last = np.zeros(len(views)), 0.0, 0.0
     with sharing(threads), ThreadPoolExecutor(threads or usable_cores()) as pool:
-        tell("stereo, for the adjustment of the cameras")
-        stereo = patch_match(views, PatchMatchSettings(side=STEREO), points=points, seed=seed)
-        levels = _levels(views)
-        chosen = choose_sources(
-            views.intrinsics, views.camera_to_world, views.height, views.width, SOURCES,
-            None if points is None else points.points,
-        )  # fmt: skip
-        patches = [
-            patches_of(levels[-1].gray[k], levels[-1].intrinsics[k], stereo.depths.depth[k], stereo.normals[k])
-            for k in range(len(views))
-        ]
-        poses, logs = views.camera_to_world.copy(), [np.zeros(len(one)) for one in patches]
-        judge = max(len(levels) - 2, 0)
-        before, _ = _correlation(levels[judge], patches, logs, chosen, poses, pool)
-        for k, level in enumerate(levels):
-            tell(
-                f"adjusting cameras at {level.gray.shape[2]} x {level.gray.shape[1]} pixels ({k + 1} of {len(levels)})"
-            )
-            for _ in range(STEPS):
-                poses, logs, change = _step(level, patches, logs, chosen, poses, pool)
-                if change * level.intrinsics[0, 0, 0] < _STILL:
-                    break
-        after, _ = _correlation(levels[judge], patches, logs, chosen, poses, pool)
-    if not after > before:
-        poses, logs = views.camera_to_world.copy(), [np.zeros(len(one)) for one in patches]
-    return Adjusted(poses, _moved(views, patches, poses), (before, after))
+        for turn in range(ROUNDS):
+            tell(f"adjusting {len(views)} cameras, turn {turn + 1}: stereo")
+            stereo = patch_match(done, PatchMatchSettings(side=STEREO), points=points, seed=seed)
+            patches = [
+                patches_of(levels[-1].gray[k], levels[-1].intrinsics[k], stereo.depths.depth[k], stereo.normals[k])
+                for k in range(len(views))
+            ]
+            chosen = choose_sources(
+                views.intrinsics, done.camera_to_world, views.height, views.width, SOURCES, known
+            )  # fmt: skip
+            poses, (before, after) = _fitted(levels, patches, chosen, done.camera_to_world, pool, tell)
+            first = first if turn else before
+            last = last if turn else before
+            if not after > before:
+                break
+            last, now = after, replace(done, camera_to_world=poses)
+            far = _moved(done, patches, poses).max()
+            moved, done = _moved(views, patches, poses), now
+            if far < _FAR:
+                break
+    return Adjusted(done.camera_to_world, moved, (first, last))
+
+
+def _fitted(
+    levels: list[Level], patches: list[Patches], chosen: np.ndarray, poses: np.ndarray, pool: ThreadPoolExecutor,
+    tell: Callable[[str], None],
+) -> tuple[np.ndarray, tuple[float, float]]:  # fmt: skip
+    """(poses, mean correlation at the finest size before and after)."""
+    logs = [np.zeros(len(one)) for one in patches]
+    before = _correlation(levels[-1], patches, logs, chosen, poses, pool)
+    for k, level in enumerate(levels):
+        tell(f"pictures of {level.gray.shape[2]} x {level.gray.shape[1]} pixels ({k + 1} of {len(levels)})")
+        for _ in range(STEPS):
+            poses, logs, change = _step(level, patches, logs, chosen, poses, pool)
+            if change * level.intrinsics[0, 0, 0] < _STILL:
+                break
+    return poses, (before, _correlation(levels[-1], patches, logs, chosen, poses, pool))
 
 
 def _reduced(views: Views, factor: int) -> Views:
@@ -153,11 +171,11 @@ def _shares(
 def _correlation(
     level: Level, patches: list[Patches], logs: list[np.ndarray], chosen: np.ndarray, poses: np.ndarray,
     pool: ThreadPoolExecutor,
-) -> tuple[float, float]:  # fmt: skip
-    """(mean correlation of what can be compared, negative ones as none; how much that is)."""
+) -> float:  # fmt: skip
+    """Mean correlation of what can be compared, negative ones as none."""
     sums = [(share.agreement, share.compared) for share in _shares(level, patches, logs, chosen, poses, pool) if share]
     agreement, compared = (sum(part) for part in zip(*sums, strict=True)) if sums else (0.0, 0.0)
-    return agreement / max(compared, 1.0), compared
+    return agreement / max(compared, 1.0)
 
 
 def _step(
