@@ -5,7 +5,8 @@
     python -m benchmarks.scenes.photographs teapot --table lacquer --light interior --out FOLDER/teapot --worlds FOLDER
     python -m benchmarks.scenes.photographs brush --table cloth --turntable --out FOLDER/turned --worlds FOLDER
 
-With `--turntable` the table turns before a camera, lamps and a wall of books that stand still.
+With `--turntable` the table turns before a camera, lamps and a wall of books that stand still. With `--aperture` the
+lens has a depth of field; with `--phone` the camera raises contrast, colour and edges and writes a smaller file.
 `images/*.jpg` are what data.photos takes; `truth/` holds the object's mesh and the cameras for tests. CC0.
 """
 
@@ -34,6 +35,8 @@ LENS = (-0.11, 0.03)
 #: Variance of linear light: photons (per unit of light) and read noise; spread of exposure in stops.
 PHOTONS, READ, STOPS = 6e-4, 2e-6, 0.08
 QUALITY, SAMPLES, TEXELS, TRUE_FACES = 88, 36, 2048, 8000
+#: What a telephone does: share of an S-shaped curve, colour over gray, an unsharp mask (pixels, share), JPEG.
+CONTRAST, COLOUR, EDGES, PHONE_QUALITY = 0.5, 1.2, (1.2, 0.7), 70
 
 
 def main() -> None:
@@ -53,7 +56,10 @@ def main() -> None:
         rings(options.count, *recipe.heights) if turned else spiral(options.count, *recipe.heights, 0.0, recipe.seed)
     )
     moving = turning(light, poses, "turntable" if turned else "")
-    stage, rng = Stage(model, background=not turned, threads=options.threads), np.random.default_rng(recipe.seed)
+    stage, rng = (
+        Stage(model, background=not turned, threads=options.threads, aperture=options.aperture),
+        np.random.default_rng(recipe.seed),
+    )
     cameras = {}
     for k, pose in enumerate(poses):
         upright = not turned and k % TURNED == TURNED - 1
@@ -66,7 +72,13 @@ def main() -> None:
             seen = stage.picture(lit(stage, moving, k), held, side(), options.samples, recipe.seed * 10_000 + k)
             if turned:  # the wall is farther away: a camera that is put higher sees other books
                 seen[..., :3] += (1 - seen[..., 3:]) * books(side(), round(1000 * pose[2, 3]))
-            _write(path, photographed(seen[..., :3] * gain, noise), upright)
+            picture = photographed(seen[..., :3] * gain, noise)
+            _write(
+                path,
+                pleasing(picture) if options.phone else picture,
+                upright,
+                PHONE_QUALITY if options.phone else QUALITY,
+            )
             print(path, flush=True)
     _truth(out / "truth", model, cameras, recipe)
 
@@ -102,13 +114,24 @@ def photographed(light: np.ndarray, noise: np.ndarray) -> np.ndarray:
     return encode(np.clip(seen + np.sqrt(PHOTONS * seen.clip(0) + READ) * noise, 0, 1))
 
 
+def pleasing(picture: np.ndarray) -> np.ndarray:
+    """Display values [H, W, 3] as a telephone gives them."""
+    from scipy.ndimage import gaussian_filter
+
+    gray = picture.mean(-1, keepdims=True)
+    vivid = np.clip(gray + COLOUR * (picture - gray), 0, 1)
+    curved = vivid + CONTRAST * (vivid**2 * (3 - 2 * vivid) - vivid)
+    width, share = EDGES
+    return np.clip(curved + share * (curved - gaussian_filter(curved, (width, width, 0))), 0, 1)
+
+
 def rolled() -> np.ndarray:
     turn = np.eye(4)
     turn[:2, :2] = [[0, -1], [1, 0]]
     return turn
 
 
-def _write(path: Path, picture: np.ndarray, upright: bool) -> None:
+def _write(path: Path, picture: np.ndarray, upright: bool, quality: int) -> None:
     from PIL import Image
 
     image = Image.fromarray(np.round(255 * picture).astype(np.uint8))
@@ -116,7 +139,7 @@ def _write(path: Path, picture: np.ndarray, upright: bool) -> None:
     exif[0x0112] = 8 if upright else 1  # orientation
     exif[0x010F], exif[0x0110] = "exmesh-graph", "rendered"
     exif.get_ifd(0x8769)[0xA405] = round(focal() / WIDTH * 36)  # focal length of 35 mm film
-    image.save(path, quality=QUALITY, subsampling=2, exif=exif)
+    image.save(path, quality=quality, subsampling=2, exif=exif)
 
 
 def _truth(folder: Path, model: Model, cameras: dict[str, list], recipe: Recipe) -> None:
@@ -143,6 +166,8 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--table", choices=list(TOPS), default="", help="stand it on one, seen from above")
     parser.add_argument("--light", choices=WORLDS, default="", help="with --table, instead of the scene's own")
     parser.add_argument("--turntable", action="store_true", help="the object turns; camera, lamps and wall stand still")
+    parser.add_argument("--aperture", type=float, default=0.0, help="radius of the lens; the object's is about 1")
+    parser.add_argument("--phone", action="store_true", help="contrast, colour and edges raised, JPEG of lower quality")
     parser.add_argument("--samples", type=int, default=SAMPLES, help="rays of a pixel")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--worlds", type=Path, required=True, help="wheel of bpy 5.0.1, or a folder of its worlds")

@@ -14,15 +14,20 @@ from benchmarks.scenes.model import Model, decode
 DEPTH = 6
 #: Samples a pixel in one launch: bounds memory.
 LAUNCH = 64
+#: Before the middle of the scene a lens is focused there.
+FOCUSED = 0.6
 
 
 class Stage:
     """A model under a light. `background` shows the light behind it (alpha 1); `guest`, if any, is a black board
-    (vertices [V, 3], faces [F, 3]) that can be moved from picture to picture."""
+    (vertices [V, 3], faces [F, 3]) that can be moved from picture to picture. `aperture`: radius of the lens, which is
+    focused on the nearer side of an object of radius 1 about the origin; 0: a pinhole."""
 
-    def __init__(self, model: Model, *, background: bool, guest: bool = False, threads: int = 0) -> None:
+    def __init__(
+        self, model: Model, *, background: bool, guest: bool = False, threads: int = 0, aperture: float = 0.0
+    ) -> None:
         self.mi = mitsuba_bsdf.load(threads)
-        self.model, self.background = model, background
+        self.model, self.background, self.aperture = model, background, aperture
         self.mesh = self._mesh(model)
         self.guest = self._board() if guest else None
         self.scenes: dict[tuple[str, int], Any] = {}
@@ -56,7 +61,7 @@ class Stage:
             count = min(LAUNCH, samples - done)
             sensor = mi.load_dict(
                 {
-                    "type": "perspective",
+                    **self._lens(pose),
                     "fov": float(np.degrees(FIELD)),
                     "near_clip": 0.01,
                     "to_world": mi.ScalarTransform4f(turned.tolist()),
@@ -74,6 +79,12 @@ class Stage:
         if self.background:
             total[..., 3] = 1
         return np.nan_to_num(total, posinf=0).clip(0).astype(np.float32)
+
+    def _lens(self, pose: np.ndarray) -> dict[str, Any]:
+        if not self.aperture:
+            return {"type": "perspective"}
+        near = float(np.linalg.norm(pose[:3, 3])) - FOCUSED
+        return {"type": "thinlens", "aperture_radius": self.aperture, "focus_distance": near}
 
     def along(self, scene: Any, rays: np.ndarray, samples: int, seed: int) -> np.ndarray:
         """Radiance [N, 3] that comes along rays [N, 6], by `samples` paths each."""
