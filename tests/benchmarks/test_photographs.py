@@ -12,11 +12,13 @@ from PIL import Image, ImageOps
 from scipy.spatial.transform import Rotation
 
 import exmesh_graph as ex
-from benchmarks.photo_sample import SAMPLE, _inside, against_truth, steps
+from benchmarks.photo_sample import SAMPLE, _inside, _pixels, against_truth, steps
 from benchmarks.photos import similarity
 from benchmarks.scenes import photographs as shots
 from benchmarks.scenes.cameras import FIELD
+from benchmarks.scenes.render import FOCUSED, Stage
 from exmesh_graph.native import import_open3d
+from exmesh_graph.types import Views
 
 GRAPH = Path(__file__).parent.parent.parent / "graphs" / "photos.yaml"
 
@@ -47,6 +49,28 @@ def test_a_similarity_is_found():
     assert scale == pytest.approx(2.5)
     assert found == pytest.approx(rotation)
     assert offset == pytest.approx([1, 2, 3])
+
+
+def test_cameras_are_compared_in_pixels_whatever_the_world_and_the_picture_are_turned_by():
+    """One camera that is turned by a hundredth of its distance is off by five pixels, the others by little."""
+    random = np.random.default_rng(0)
+    points = random.normal(size=(50, 3)) * 0.3
+    cameras = np.repeat(np.eye(4)[None], 6, axis=0)
+    for pose in cameras:
+        pose[:3, :3] = Rotation.random(random_state=random).as_matrix()
+        pose[:3, 3] = -3 * pose[:3, 2]
+    turn, shift = Rotation.from_rotvec([0.3, -0.7, 0.2]).as_matrix(), np.array([1.0, 2, 3])
+    ours = cameras.copy()
+    ours[:, :3, :3] = turn.T @ cameras[:, :3, :3]
+    ours[:, :3, 3] = (cameras[:, :3, 3] - shift) @ turn / 2
+    ours[1, :3, :3] = ours[1, :3, :3] @ Rotation.from_euler("z", 90, degrees=True).as_matrix()  # stored on its side
+    k = np.repeat(np.diag([500.0, 500, 1])[None], 6, axis=0)
+    views = Views(tuple("abcdef"), np.zeros((6, 2, 2, 3), np.float32), np.ones((6, 2, 2), np.float32), k, ours, "train")
+    np.testing.assert_allclose(_pixels(views, cameras, points, 2.0, turn, shift), 0, atol=1e-6)
+    ours[2, :3, :3] = ours[2, :3, :3] @ Rotation.from_rotvec([0, 0.01, 0]).as_matrix()
+    off = _pixels(views, cameras, points, 2.0, turn, shift)
+    assert off[2] == pytest.approx(5, rel=0.15)
+    assert np.delete(off, 2).max() < 1.0
 
 
 def test_the_surface_is_followed_from_start_to_end():
@@ -82,3 +106,29 @@ def test_photographs_alone_become_an_asset(tmp_path):
     assert found["direction, median"] < 0.3
     assert found["accuracy"] < 8
     assert found["completeness"] < 8
+
+
+def test_a_telephone_raises_contrast_colour_and_edges():
+    flat = shots.pleasing(np.full((20, 20, 3), [0.3, 0.25, 0.2]))
+    np.testing.assert_allclose(flat, np.broadcast_to(flat[0, 0], flat.shape), atol=1e-12)  # no edge
+    red, _, blue = flat[0, 0]
+    assert red - blue > 1.1 * 0.1  # more colour
+    assert flat[0, 0].mean() < 0.25  # dark becomes darker
+    assert shots.pleasing(np.full((20, 20, 3), 0.75)).mean() > 0.75
+    edge = np.full((20, 20, 3), 0.4)
+    edge[:, 10:] = 0.6
+    row = shots.pleasing(edge)[10, :, 0]
+    assert row[9] < row[2] < 0.4 < 0.6 < row[17] < row[10]
+    assert shots.pleasing(np.random.default_rng(0).random((9, 9, 3))).max() <= 1
+
+
+def test_a_lens_is_focused_on_the_nearer_side():
+    pose = np.eye(4)
+    pose[:3, 3] = [0, 3, 4]
+    stage = Stage.__new__(Stage)
+    stage.aperture = 0.0
+    assert stage._lens(pose) == {"type": "perspective"}
+    stage.aperture = 0.05
+    assert stage._lens(pose) == {
+        "type": "thinlens", "aperture_radius": 0.05, "focus_distance": pytest.approx(5 - FOCUSED)
+    }  # fmt: skip
