@@ -32,9 +32,9 @@ from exmesh_graph.types import PointCloud, Views
 
 #: Longer side of the pictures compared last, and of those of stereo; sizes in all, each half the one before.
 SIDE, STEREO, SIZES = 720, 360, 4
-#: Turns at most; Gauss-Newton steps at each size at most, views that a patch is looked for in, and damping over the
-#: mean curvature.
-ROUNDS, STEPS, SOURCES, DAMPING = 3, 20, 8, 1e-3
+#: Turns and, at each size, Gauss-Newton steps at most; views that a patch is looked for in; damping over the mean
+#: curvature.
+TURNS, STEPS, SOURCES, DAMPING = 3, 20, 8, 1e-3
 _STILL = 0.15
 """Pixels of a size (about; the largest part of a twist by the focal length): a lesser step is its last."""
 _FAR = 2.0
@@ -89,30 +89,27 @@ def adjust_cameras(
     any number of cores. Raises DataError for fewer than two views.
     """
     levels, known = _levels(views), None if points is None else points.points
-    done = views
-    moved, first, last = np.zeros(len(views)), 0.0, 0.0
+    done, moved = views, np.zeros(len(views))
+    agreement: list[float] = []
     with sharing(threads), ThreadPoolExecutor(threads or usable_cores()) as pool:
-        for turn in range(ROUNDS):
+        for turn in range(TURNS):
             tell(f"adjusting {len(views)} cameras, turn {turn + 1}: stereo")
             stereo = patch_match(done, PatchMatchSettings(side=STEREO), points=points, seed=seed)
             patches = [
                 patches_of(levels[-1].gray[k], levels[-1].intrinsics[k], stereo.depths.depth[k], stereo.normals[k])
                 for k in range(len(views))
             ]
-            chosen = choose_sources(
-                views.intrinsics, done.camera_to_world, views.height, views.width, SOURCES, known
-            )  # fmt: skip
+            chosen = choose_sources(views.intrinsics, done.camera_to_world, views.height, views.width, SOURCES, known)
             poses, (before, after) = _fitted(levels, patches, chosen, done.camera_to_world, pool, tell)
-            first = first if turn else before
-            last = last if turn else before
+            agreement += [] if agreement else [before]
             if not after > before:
                 break
-            last, now = after, replace(done, camera_to_world=poses)
-            far = _moved(done, patches, poses).max()
-            moved, done = _moved(views, patches, poses), now
+            agreement.append(after)
+            far, moved = _moved(done, patches, poses).max(), _moved(views, patches, poses)
+            done = replace(done, camera_to_world=poses)
             if far < _FAR:
                 break
-    return Adjusted(done.camera_to_world, moved, (first, last))
+    return Adjusted(done.camera_to_world, moved, (agreement[0], agreement[-1]))
 
 
 def _fitted(
