@@ -37,8 +37,8 @@ def patches_of(gray: np.ndarray, intrinsics: np.ndarray, depth: np.ndarray, norm
     """
     height, width = gray.shape
     rows, columns = np.arange(height), np.arange(width)
-    known = depth[np.ix_(_rows(rows, height, len(depth)), _rows(columns, width, depth.shape[1]))]
-    facing = normals[np.ix_(_rows(rows, height, len(normals)), _rows(columns, width, normals.shape[1]))]
+    known = depth[np.ix_(_nearest(rows, height, len(depth)), _nearest(columns, width, depth.shape[1]))]
+    facing = normals[np.ix_(_nearest(rows, height, len(normals)), _nearest(columns, width, normals.shape[1]))]
     slope = np.hypot(*np.gradient(gaussian_filter(gray, 1.0)))
     slope[(known <= 0) | (np.abs(facing).sum(axis=2) == 0)] = 0
     slope[:_RIM] = slope[-_RIM:] = 0
@@ -59,6 +59,6 @@ def patches_of(gray: np.ndarray, intrinsics: np.ndarray, depth: np.ndarray, norm
     return Patches(rays, known[y, x].astype(np.float64), facing[y, x].astype(np.float64))
 
 
-def _rows(rows: np.ndarray, size: int, other: int) -> np.ndarray:
-    """The rows of a picture `other` high at the middles of `rows` of one `size` high."""
+def _nearest(rows: np.ndarray, size: int, other: int) -> np.ndarray:
+    """The rows (or columns) of a picture of `other` ones at the middles of `rows` of one of `size`."""
     return np.minimum(((rows + 0.5) * other / size).astype(int), other - 1)
