@@ -56,10 +56,8 @@ def main() -> None:
         rings(options.count, *recipe.heights) if turned else spiral(options.count, *recipe.heights, 0.0, recipe.seed)
     )
     moving = turning(light, poses, "turntable" if turned else "")
-    stage, rng = (
-        Stage(model, background=not turned, threads=options.threads, aperture=options.aperture),
-        np.random.default_rng(recipe.seed),
-    )
+    stage = Stage(model, background=not turned, threads=options.threads, aperture=options.aperture)
+    rng = np.random.default_rng(recipe.seed)
     cameras = {}
     for k, pose in enumerate(poses):
         upright = not turned and k % TURNED == TURNED - 1
@@ -72,13 +70,10 @@ def main() -> None:
             seen = stage.picture(lit(stage, moving, k), held, side(), options.samples, recipe.seed * 10_000 + k)
             if turned:  # the wall is farther away: a camera that is put higher sees other books
                 seen[..., :3] += (1 - seen[..., 3:]) * books(side(), round(1000 * pose[2, 3]))
-            picture = photographed(seen[..., :3] * gain, noise)
-            _write(
-                path,
-                pleasing(picture) if options.phone else picture,
-                upright,
-                PHONE_QUALITY if options.phone else QUALITY,
-            )
+            picture, quality = photographed(seen[..., :3] * gain, noise), QUALITY
+            if options.phone:
+                picture, quality = pleasing(picture), PHONE_QUALITY
+            _write(path, picture, upright, quality)
             print(path, flush=True)
     _truth(out / "truth", model, cameras, recipe)
 

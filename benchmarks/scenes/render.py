@@ -14,7 +14,7 @@ from benchmarks.scenes.model import Model, decode
 DEPTH = 6
 #: Samples a pixel in one launch: bounds memory.
 LAUNCH = 64
-#: Before the middle of the scene a lens is focused there.
+#: How far before the middle of the scene a lens is focused.
 FOCUSED = 0.6
 
 

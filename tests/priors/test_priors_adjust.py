@@ -14,6 +14,7 @@ from exmesh_graph.errors import DataError
 from exmesh_graph.io import photos
 from exmesh_graph.io.motion import Motion
 from exmesh_graph.io.scene import Scene
+from exmesh_graph.io.train_size import reduced
 from exmesh_graph.priors.adjust import cameras
 from exmesh_graph.priors.adjust.cameras import adjust_cameras, adjust_scene
 from exmesh_graph.priors.adjust.patches import MOST, Patches, patches_of
@@ -209,7 +210,7 @@ def test_training_and_test_views_are_adjusted_together_at_one_size():
     views = ball()
     begun = replace(views, camera_to_world=disturbed(views.camera_to_world))
     test = replace(begun.subset([1, 4]), split="test")
-    half = cameras._reduced(begun.subset([0, 2, 3, 5, 6, 7, 8]), 2)
+    half = reduced(begun.subset([0, 2, 3, 5, 6, 7, 8]), 2)
     train, after, adjusted = adjust_scene(half, test)
     assert (train.names, after.names) == (half.names, test.names)
     assert train.images is half.images

@@ -17,10 +17,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from exmesh_graph.gpu.torch_setup import sharing
-from exmesh_graph.io.cameras import scale_intrinsics
 from exmesh_graph.io.contrast import even_contrast
-from exmesh_graph.io.reduce import downscale_area
-from exmesh_graph.io.train_size import factor_for
+from exmesh_graph.io.train_size import factor_for, reduced
 from exmesh_graph.priors.adjust.patches import Patches, patches_of
 from exmesh_graph.priors.adjust.system import Level, Share, level_of, share_of
 from exmesh_graph.priors.patch_match.estimate import patch_match
@@ -66,7 +64,7 @@ def adjust_scene(
     """Both with their cameras adjusted together (`adjust_cameras`), and what that did, training views first."""
     factor = factor_for(train, SIDE, 0)
     larger = max(1, round(test.width / train.width)) if len(test) else 1  # training pictures may have been reduced
-    parts = [_reduced(train, factor), *([_reduced(test, factor * larger)] if len(test) else [])]
+    parts = [reduced(train, factor), *([reduced(test, factor * larger)] if len(test) else [])]
     adjusted = adjust_cameras(_together(parts), points, seed=seed, threads=threads, tell=tell)
     first, second = np.split(adjusted.camera_to_world, [len(train)])
     return replace(train, camera_to_world=first), replace(test, camera_to_world=second), adjusted
@@ -128,19 +126,10 @@ def _fitted(
     return poses, (before, _correlation(levels[-1], patches, logs, chosen, poses, pool))
 
 
-def _reduced(views: Views, factor: int) -> Views:
-    """In memory, at 1 / `factor` of the size; sizes that it does not divide lose their last rows or columns."""
-    tall, wide = views.height // factor * factor, views.width // factor * factor
-    images, alpha = (
-        np.stack([downscale_area(np.asarray(stack[k])[:tall, :wide], factor) for k in range(len(views))])
-        for stack in (views.images, views.alpha)
-    )
-    return replace(views, images=images, alpha=alpha, intrinsics=scale_intrinsics(views.intrinsics, factor))
-
-
 def _together(parts: list[Views]) -> Views:
+    """In memory, whether their pictures lie in files or not."""
     joined: dict[str, Any] = {
-        name: np.concatenate([getattr(part, name) for part in parts])
+        name: np.concatenate([np.asarray(getattr(part, name)) for part in parts])
         for name in ("images", "alpha", "intrinsics", "camera_to_world")
     }
     return replace(parts[0], names=tuple(name for part in parts for name in part.names), **joined)
