@@ -227,6 +227,9 @@ def _adjusted(ctx: Context, scene: Scene, points: PointCloud, figures: dict[str,
     )
     moved, (before, after) = adjusted.moved, adjusted.correlation
     figures["adjusted_px"], figures["adjusted_most_px"] = float(np.median(moved)), float(moved.max())
+    if not moved.any():
+        ctx.log("cameras stay as they were found: the photographs agree no better under adjusted ones")
+        return scene
     ctx.log(
         f"cameras adjusted: pictures move by {np.median(moved):.1f} pixels (median; at most {moved.max():.1f}), and "
         f"their patches agree to {after:.3f} in place of {before:.3f}"

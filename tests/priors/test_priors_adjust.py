@@ -277,7 +277,19 @@ def test_photographs_have_their_cameras_adjusted_where_nothing_speaks_against_it
     context = FakeContext(scratch=tmp_path)
     out = data.photos(context, p=data.PhotosParams(path=tmp_path, **parameters))
     assert done == any("cameras adjusted" in line for line in context.lines)
+    assert not any("cameras stay" in line for line in context.lines)
     assert done == ("adjusted_px" in out.cameras.values)
     for after, before in ((out.train, train), (out.test, test)):
         assert done != np.array_equal(after.camera_to_world, before.camera_to_world)
         assert (after.names, after.split) == (before.names, before.split)
+
+
+def test_it_is_told_where_adjusted_cameras_are_no_better(tmp_path):
+    views, _ = wall(count=4, size=64)
+    blank = replace(views, images=np.full_like(views.images, 0.2), has_masks=False)
+    scene = Scene(blank.subset([0, 1, 2]), replace(blank.subset([3]), split="test"), Frame(np.eye(4), np.eye(4)))
+    context, figures, nothing = FakeContext(scratch=tmp_path), {}, np.zeros((0, 3), np.float32)
+    same = data._adjusted(context, scene, PointCloud(nothing, nothing), figures, data.PhotosParams(path=tmp_path))
+    assert same is scene
+    assert figures == {"adjusted_px": 0.0, "adjusted_most_px": 0.0}
+    assert any("cameras stay" in line for line in context.lines)
