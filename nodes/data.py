@@ -190,7 +190,7 @@ def _photo_files(p: PhotosParams) -> Mapping[str, Path]:
 
 @node(
     "data.photos",
-    version="3",
+    version="4",
     libraries=("OpenImageIO", "scipy", "scikit-image", "pycolmap", "networkx", "pillow", "torch", "warp-lang"),
     sources=_photo_files,
     resources=ALL_CORES,
@@ -212,29 +212,61 @@ def photos(ctx: Context, *, p: PhotosParams) -> PhotosOut:
         f"cameras of {figures['registered']} of {figures['pictures']} pictures ({motion.told}), {len(points)} "
         f"points, reprojection error {motion.error:.2f} px, focal length {figures['focal']:.0f} px {known}"
     )
-    if p.adjust and motion.found and not motion.turned and not scene.train.has_masks:
-        scene = _adjusted(ctx, scene, points, figures, p)
+    if not motion.turned:  # what turns before lamps that stand still looks another in each picture
+        scene = _compared(ctx, scene, points, figures, p, p.adjust and motion.found and not scene.train.has_masks)
     return PhotosOut(*_views(ctx, scene), points, Metrics(figures))
 
 
-def _adjusted(ctx: Context, scene: Scene, points: PointCloud, figures: dict[str, Any], p: PhotosParams) -> Scene:
+def _compared(
+    ctx: Context, scene: Scene, points: PointCloud, figures: dict[str, Any], p: PhotosParams, adjust: bool
+) -> Scene:
+    """The scene after what its photographs say when they are compared pixel by pixel."""
+    from exmesh_graph.priors.together import together, with_cameras
+
+    if not (adjust or p.vignetting):
+        return scene
+    views, depths = together(scene.train, scene.test), None
+    if adjust:
+        views, depths = _adjusted(ctx, views, points, figures, p)
+        train, test = with_cameras(scene.train, scene.test, views.camera_to_world)
+        scene = replace(scene, train=train, test=test)
+    return _even(ctx, scene, views, depths, points, figures) if p.vignetting else scene
+
+
+def _adjusted(
+    ctx: Context, views: Views, points: PointCloud, figures: dict[str, Any], p: PhotosParams
+) -> tuple[Views, DepthMaps]:
+    """(the views under adjusted cameras, their depth)."""
     import numpy as np
 
-    from exmesh_graph.priors.adjust.cameras import adjust_scene
+    from exmesh_graph.priors.adjust.cameras import adjust_cameras
 
-    train, test, adjusted = adjust_scene(
-        scene.train, scene.test, points, seed=ctx.seed, threads=p.threads, tell=ctx.log
-    )
+    adjusted = adjust_cameras(views, points, seed=ctx.seed, threads=p.threads, tell=ctx.log)
     moved, (before, after) = adjusted.moved, adjusted.correlation
     figures["adjusted_px"], figures["adjusted_most_px"] = float(np.median(moved)), float(moved.max())
     if not moved.any():
         ctx.log("cameras stay as they were found: the photographs agree no better under adjusted ones")
-        return scene
-    ctx.log(
-        f"cameras adjusted: pictures move by {np.median(moved):.1f} pixels (median; at most {moved.max():.1f}), and "
-        f"their patches agree to {after:.3f} in place of {before:.3f}"
-    )
-    return replace(scene, train=train, test=test)
+    else:
+        ctx.log(
+            f"cameras adjusted: pictures move by {np.median(moved):.1f} pixels (median; at most {moved.max():.1f}), "
+            f"and their patches agree to {after:.3f} in place of {before:.3f}"
+        )
+    return replace(views, camera_to_world=adjusted.camera_to_world), adjusted.depths
+
+
+def _even(
+    ctx: Context, scene: Scene, views: Views, depths: DepthMaps | None, points: PointCloud, figures: dict[str, Any]
+) -> Scene:
+    """The scene without vignetting."""
+    from exmesh_graph.priors.radiometry.even import even, lenses_of
+
+    lenses = lenses_of(views, depths, points, seed=ctx.seed)
+    corners = [lens.vignetting.corner for lens in lenses if lens.vignetting.found]
+    figures["vignetting"] = 1.0 - min(corners, default=1.0)
+    for lens in lenses:
+        if lens.vignetting.found:
+            ctx.log(f"vignetting taken out of {lens.told}: {lens.vignetting.told}")
+    return replace(scene, train=even(scene.train, lenses), test=even(scene.test, lenses)) if corners else scene
 
 
 class _MapFolder(Params):

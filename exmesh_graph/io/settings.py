@@ -199,6 +199,11 @@ class PhotosOptions(TrainSize, MotionSettings):
         True,
         doc="Adjust the cameras found until the photographs agree pixel by pixel; not with masks, nor on turntables.",
     )
+    vignetting: bool = param(
+        True,
+        doc="Take out by how much the lens darkens pictures towards their corners, where they show it beyond doubt; "
+        "not on turntables.",
+    )
     masks: bool = param(True, doc="Use masks where they are there.")
     frames: int = param(
         60, ge=3, doc="Frames of a video: the sharpest of so many equal parts of the way that its pictures move."

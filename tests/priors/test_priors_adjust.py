@@ -16,9 +16,10 @@ from exmesh_graph.io.motion import Motion
 from exmesh_graph.io.scene import Scene
 from exmesh_graph.io.train_size import reduced
 from exmesh_graph.priors.adjust import cameras
-from exmesh_graph.priors.adjust.cameras import adjust_cameras, adjust_scene
+from exmesh_graph.priors.adjust.cameras import adjust_cameras
 from exmesh_graph.priors.adjust.patches import MOST, Patches, patches_of
 from exmesh_graph.priors.adjust.system import level_of, share_of
+from exmesh_graph.priors.together import together, with_cameras
 from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import Frame, PointCloud, Views
 from tests.io.test_io_photos import COUNT, painted, picture, poses
@@ -205,24 +206,21 @@ def test_any_number_of_cores_gives_the_same_bytes():
     assert one == two == three
 
 
-@pytest.mark.thorough
-def test_training_and_test_views_are_adjusted_together_at_one_size():
-    views = ball()
-    begun = replace(views, camera_to_world=disturbed(views.camera_to_world))
-    test = replace(begun.subset([1, 4]), split="test")
-    half = reduced(begun.subset([0, 2, 3, 5, 6, 7, 8]), 2)
-    train, after, adjusted = adjust_scene(half, test)
-    assert (train.names, after.names) == (half.names, test.names)
-    assert train.images is half.images
-    assert after.images is test.images
-    assert len(adjusted.moved) == COUNT
-    together = np.concatenate([train.camera_to_world, after.camera_to_world])
-    order = np.array([0, 2, 3, 5, 6, 7, 8, 1, 4])
-    before = apart(views.subset(order), begun.camera_to_world[order], views.camera_to_world[order])
-    assert apart(views.subset(order), together, views.camera_to_world[order]) < 0.4 * before
-    alone, none, _ = adjust_scene(half, test.subset([]))
-    assert len(none) == 0
-    assert not np.array_equal(alone.camera_to_world, half.camera_to_world)
+def test_training_and_test_views_are_compared_together_at_one_size():
+    views = ball(96)
+    test = replace(views.subset([1, 4]), split="test")
+    half = reduced(views.subset([0, 2, 3, 5, 6, 7, 8]), 2)
+    all_views = together(half, test)
+    assert all_views.names == (*half.names, *test.names)
+    np.testing.assert_array_equal(all_views.images[:7], half.images)
+    np.testing.assert_array_equal(all_views.images[7:], reduced(test, 2).images)
+    np.testing.assert_array_equal(all_views.intrinsics[7:], reduced(test, 2).intrinsics)
+    moved = all_views.camera_to_world + 1
+    train, after = with_cameras(half, test, moved)
+    assert (train.images is half.images, after.images is test.images) == (True, True)
+    np.testing.assert_array_equal(train.camera_to_world, moved[:7])
+    np.testing.assert_array_equal(after.camera_to_world, moved[7:])
+    assert together(half, test.subset([])).names == half.names
 
 
 def test_patches_lie_on_paint_whose_depth_is_known_one_in_a_cell():
@@ -287,9 +285,8 @@ def test_photographs_have_their_cameras_adjusted_where_nothing_speaks_against_it
 def test_it_is_told_where_adjusted_cameras_are_no_better(tmp_path):
     views, _ = wall(count=4, size=64)
     blank = replace(views, images=np.full_like(views.images, 0.2), has_masks=False)
-    scene = Scene(blank.subset([0, 1, 2]), replace(blank.subset([3]), split="test"), Frame(np.eye(4), np.eye(4)))
     context, figures, nothing = FakeContext(scratch=tmp_path), {}, np.zeros((0, 3), np.float32)
-    same = data._adjusted(context, scene, PointCloud(nothing, nothing), figures, data.PhotosParams(path=tmp_path))
-    assert same is scene
+    same, _ = data._adjusted(context, blank, PointCloud(nothing, nothing), figures, data.PhotosParams(path=tmp_path))
+    np.testing.assert_array_equal(same.camera_to_world, blank.camera_to_world)
     assert figures == {"adjusted_px": 0.0, "adjusted_most_px": 0.0}
     assert any("cameras stay" in line for line in context.lines)

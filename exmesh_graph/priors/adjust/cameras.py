@@ -11,25 +11,24 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from exmesh_graph.gpu.torch_setup import sharing
 from exmesh_graph.io.contrast import even_contrast
-from exmesh_graph.io.train_size import factor_for, reduced
 from exmesh_graph.priors.adjust.patches import Patches, patches_of
 from exmesh_graph.priors.adjust.system import Level, Share, level_of, share_of
 from exmesh_graph.priors.patch_match.estimate import patch_match
 from exmesh_graph.priors.patch_match.sources import choose_sources
 from exmesh_graph.priors.settings import PatchMatchSettings
+from exmesh_graph.priors.together import SIDE
 from exmesh_graph.resources import usable_cores
 from exmesh_graph.targets import prepare_targets
-from exmesh_graph.types import PointCloud, Views
+from exmesh_graph.types import DepthMaps, PointCloud, Views
 
-#: Longer side of the pictures compared last, and of those of stereo; sizes in all, each half the one before.
-SIDE, STEREO, SIZES = 720, 360, 4
+#: Longer side of the pictures of stereo; sizes of the pictures compared, each half the one before.
+STEREO_SIDE, SIZES = 360, 4
 #: Turns and, at each size, Gauss-Newton steps at most; views that a patch is looked for in; damping over the mean
 #: curvature.
 TURNS, STEPS, SOURCES, DAMPING = 3, 20, 8, 1e-3
@@ -45,29 +44,12 @@ _FARTHEST = 0.03
 @dataclass(frozen=True)
 class Adjusted:
     """camera_to_world float64 [N, 4, 4]; `moved` float64 [N], pixels by which its patches shifted in each view;
-    mean correlation of patches with the other views, (before, after)."""
+    mean correlation of patches with the other views, (before, after); the depth by which that was found last."""
 
     camera_to_world: np.ndarray
     moved: np.ndarray
     correlation: tuple[float, float]
-
-
-def adjust_scene(
-    train: Views,
-    test: Views,
-    points: PointCloud | None = None,
-    *,
-    seed: int = 0,
-    threads: int = 0,
-    tell: Callable[[str], None] = lambda _: None,
-) -> tuple[Views, Views, Adjusted]:
-    """Both with their cameras adjusted together (`adjust_cameras`), and what that did, training views first."""
-    factor = factor_for(train, SIDE, 0)
-    larger = max(1, round(test.width / train.width)) if len(test) else 1  # training pictures may have been reduced
-    parts = [reduced(train, factor), *([reduced(test, factor * larger)] if len(test) else [])]
-    adjusted = adjust_cameras(_together(parts), points, seed=seed, threads=threads, tell=tell)
-    first, second = np.split(adjusted.camera_to_world, [len(train)])
-    return replace(train, camera_to_world=first), replace(test, camera_to_world=second), adjusted
+    depths: DepthMaps
 
 
 def adjust_cameras(
@@ -92,7 +74,7 @@ def adjust_cameras(
     with sharing(threads), ThreadPoolExecutor(threads or usable_cores()) as pool:
         for turn in range(TURNS):
             tell(f"adjusting {len(views)} cameras, turn {turn + 1}: stereo")
-            stereo = patch_match(done, PatchMatchSettings(side=STEREO), points=points, seed=seed)
+            stereo = patch_match(done, PatchMatchSettings(side=STEREO_SIDE), points=points, seed=seed)
             patches = [
                 patches_of(levels[-1].gray[k], levels[-1].intrinsics[k], stereo.depths.depth[k], stereo.normals[k])
                 for k in range(len(views))
@@ -107,7 +89,7 @@ def adjust_cameras(
             done = replace(done, camera_to_world=poses)
             if far < _FAR:
                 break
-    return Adjusted(done.camera_to_world, moved, (agreement[0], agreement[-1]))
+    return Adjusted(done.camera_to_world, moved, (agreement[0], agreement[-1]), stereo.depths)
 
 
 def _fitted(
@@ -124,15 +106,6 @@ def _fitted(
             if change * level.intrinsics[0, 0, 0] < _STILL:
                 break
     return poses, (before, _correlation(levels[-1], patches, logs, chosen, poses, pool))
-
-
-def _together(parts: list[Views]) -> Views:
-    """In memory, whether their pictures lie in files or not."""
-    joined: dict[str, Any] = {
-        name: np.concatenate([np.asarray(getattr(part, name)) for part in parts])
-        for name in ("images", "alpha", "intrinsics", "camera_to_world")
-    }
-    return replace(parts[0], names=tuple(name for part in parts for name in part.names), **joined)
 
 
 def _levels(views: Views) -> list[Level]:

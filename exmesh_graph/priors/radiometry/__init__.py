@@ -1,0 +1,1 @@
+"""What camera and lens do to light, found from photographs alone."""
