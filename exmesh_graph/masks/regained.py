@@ -4,6 +4,9 @@ Depth maps of stereo know no rope before a sail: in windows wider than the rope 
 and a Gaussian takes what one voxel holds. The masks of other views still show it, and every pixel of a mask needs
 something along its ray. Of what was taken along it, that stays which most such rays share: a rope lies on the rays of
 all views that miss it, what surrounded it in the hull on those of few (the visual hull of what is missing).
+
+Masks err as well: one that takes the wall behind a chair's rods for the chair misses something that is not there. Where
+a few such rays meet is before the solid in all other views, while what is thin and real lies beside it in many.
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ _MOST = 24  # masks that are asked
 _ROUNDS = 2
 _SHARE = 0.9  # of the missed rays through the point of a ray where most of them meet
 _LEAST = 2  # views
+_BESIDE = 0.25  # of the views, in which a point that is put back lies beside what was carved
 _THIN = 0.3  # grid steps below the surface, at least, of a point that is put back
 
 
@@ -37,19 +41,32 @@ def regained(values: np.ndarray, carving: Carving, views: Views) -> np.ndarray:
     told = told[spread_over(len(told), _MOST)]
     masks, intrinsics = _reduced(views, told)
     cameras = projections(intrinsics, views.world_to_camera[told])
+    first: list[np.ndarray] = []
     for _ in range(_ROUNDS):
         mesh = surface(values, grid)
-        missed = [
-            _missed(mask, shown_faces(*mesh, k, pose, *mask.shape) >= 0)
+        covered = [
+            shown_faces(*mesh, k, pose, *mask.shape) >= 0
             for mask, k, pose in zip(masks, intrinsics, views.world_to_camera[told], strict=True)
         ]
+        first = first or covered
+        missed = [_missed(mask, one) for mask, one in zip(masks, covered, strict=True)]
         if not any(one.any() for one in missed):
             break
         able = np.flatnonzero((hull > -0.5 * grid.step) & (values <= 0.5 * grid.step))
+        able = able[_beside(grid.points()[able], cameras, first)]
         back = able[_most_missed(grid.points()[able], cameras, missed)]
         values = values.copy()
         values.ravel()[back] = np.maximum(hull.ravel()[back], _THIN * grid.step)
     return values
+
+
+def _beside(points: np.ndarray, cameras: np.ndarray, covered: list[np.ndarray]) -> np.ndarray:
+    """bool [P]: points [P, 3] that lie beside what is `covered` bool [H, W], in so many of the views."""
+    count = np.zeros(len(points), np.int32)
+    for camera, one in zip(cameras, covered, strict=True):
+        at, _ = _on(points, camera, ~one)
+        count[at] += 1
+    return count >= max(_LEAST, _BESIDE * len(cameras))
 
 
 def _most_missed(points: np.ndarray, cameras: np.ndarray, missed: list[np.ndarray]) -> np.ndarray:
@@ -67,7 +84,7 @@ def _most_missed(points: np.ndarray, cameras: np.ndarray, missed: list[np.ndarra
 
 
 def _on(points: np.ndarray, camera: np.ndarray, missed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(which of `points` [P, 3] fall on a pixel that is missed bool [H, W], index of that pixel)."""
+    """(which of `points` [P, 3] fall on a pixel that is `missed` bool [H, W], index of that pixel)."""
     z, row, column = pixels_of(points, camera, missed.shape)
     at = np.flatnonzero(np.isfinite(z) & missed[row, column])
     return at, (row * missed.shape[1] + column)[at]
