@@ -23,7 +23,10 @@ from exmesh_graph.types import DepthMaps, Frame, LitViews, Metrics, PointCloud, 
 from exmesh_graph.types.pictures import kept_in
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from exmesh_graph.io.scene import Scene
+    from exmesh_graph.priors.adjust.cameras import Adjusted
 
 # all but the first: normalisation, which finds the object, and the check of the masks
 _PICTURES = ("OpenImageIO", "scipy", "scikit-image", "torch", "warp-lang")
@@ -227,16 +230,17 @@ def _compared(
         return scene
     views, depths = together(scene.train, scene.test), None
     if adjust:
-        views, depths = _adjusted(ctx, views, points, figures, p)
+        adjusted = _adjusted(ctx, views, points, figures, p)
+        views, depths = replace(views, camera_to_world=adjusted.camera_to_world), adjusted.depths
         train, test = with_cameras(scene.train, scene.test, views.camera_to_world)
         scene = replace(scene, train=train, test=test)
+        if adjusted.astray.any():
+            scene, views, depths = _without(ctx, scene, views, depths, adjusted.astray)
     return _even(ctx, scene, views, depths, points, figures) if p.vignetting else scene
 
 
-def _adjusted(
-    ctx: Context, views: Views, points: PointCloud, figures: dict[str, Any], p: PhotosParams
-) -> tuple[Views, DepthMaps]:
-    """(the views under adjusted cameras, their depth)."""
+def _adjusted(ctx: Context, views: Views, points: PointCloud, figures: dict[str, Any], p: PhotosParams) -> Adjusted:
+    """What adjusting the cameras does."""
     import numpy as np
 
     from exmesh_graph.priors.adjust.cameras import adjust_cameras
@@ -251,7 +255,27 @@ def _adjusted(
             f"cameras adjusted: pictures move by {np.median(moved):.1f} pixels (median; at most {moved.max():.1f}), "
             f"and their patches agree to {after:.3f} in place of {before:.3f}"
         )
-    return replace(views, camera_to_world=adjusted.camera_to_world), adjusted.depths
+    return adjusted
+
+
+def _without(
+    ctx: Context, scene: Scene, views: Views, depths: DepthMaps, astray: np.ndarray
+) -> tuple[Scene, Views, DepthMaps]:
+    """All three without the views that went `astray` bool [N], training views first."""
+    import numpy as np
+
+    names = ", ".join(name for name, wrong in zip(views.names, astray, strict=True) if wrong)
+    ctx.warn(
+        f"no other photograph agrees with what the cameras found for {names} show: they are wrong, and these "
+        "photographs are left out. To have them in: more pictures between these and their neighbours"
+    )
+    first, second = (np.flatnonzero(~part) for part in np.split(astray, [len(scene.train)]))
+    kept = np.flatnonzero(~astray)
+    return (
+        replace(scene, train=scene.train.subset(first), test=scene.test.subset(second)),
+        views.subset(kept),
+        replace(depths, names=tuple(depths.names[k] for k in kept), depth=depths.depth[kept]),
+    )
 
 
 def _even(

@@ -16,12 +16,12 @@ from exmesh_graph.io.motion import Motion
 from exmesh_graph.io.scene import Scene
 from exmesh_graph.io.train_size import reduced
 from exmesh_graph.priors.adjust import cameras
-from exmesh_graph.priors.adjust.cameras import adjust_cameras
+from exmesh_graph.priors.adjust.cameras import Adjusted, adjust_cameras
 from exmesh_graph.priors.adjust.patches import MOST, Patches, patches_of
 from exmesh_graph.priors.adjust.system import level_of, share_of
 from exmesh_graph.priors.together import together, with_cameras
 from exmesh_graph.testing import FakeContext
-from exmesh_graph.types import Frame, PointCloud, Views
+from exmesh_graph.types import DepthMaps, Frame, PointCloud, Views
 from tests.io.test_io_photos import COUNT, painted, picture, poses
 from tests.priors.prior_scenes import wall
 
@@ -286,7 +286,40 @@ def test_it_is_told_where_adjusted_cameras_are_no_better(tmp_path):
     views, _ = wall(count=4, size=64)
     blank = replace(views, images=np.full_like(views.images, 0.2), has_masks=False)
     context, figures, nothing = FakeContext(scratch=tmp_path), {}, np.zeros((0, 3), np.float32)
-    same, _ = data._adjusted(context, blank, PointCloud(nothing, nothing), figures, data.PhotosParams(path=tmp_path))
+    same = data._adjusted(context, blank, PointCloud(nothing, nothing), figures, data.PhotosParams(path=tmp_path))
+    assert not same.astray.any()
     np.testing.assert_array_equal(same.camera_to_world, blank.camera_to_world)
     assert figures == {"adjusted_px": 0.0, "adjusted_most_px": 0.0}
     assert any("cameras stay" in line for line in context.lines)
+
+
+@pytest.mark.parametrize(("known", "alike", "expected"), [
+    ([0.3] * 9 + [0.05], [0.5] * 9 + [0.3], [9]),  # one of ten went astray
+    ([0.3] * 9 + [0.05], [0.5] * 10, []),  # seen by few others, which agree
+    ([0.3] * 10, [0.5] * 9 + [0.3], []),  # it shines
+    ([0.3] * 7 + [0.05] * 3, [0.5] * 7 + [0.2] * 3, []),  # so many: who is right?
+])  # fmt: skip
+def test_cameras_go_astray_where_depth_and_patches_say_so(known, alike, expected):
+    count = len(known)
+    depth = np.zeros((count, 10, 100), np.float32)
+    for k, share in enumerate(known):
+        depth[k, :, : round(100 * share)] = 1
+    depths = DepthMaps(tuple(f"v{k}" for k in range(count)), depth)
+    found = Adjusted(np.eye(4)[None].repeat(count, 0), np.zeros(count), (0.5, 0.5), depths, np.array(alike))
+    assert np.flatnonzero(found.astray).tolist() == expected
+
+
+@pytest.mark.thorough
+def test_a_camera_that_went_astray_is_left_out_by_name(tmp_path):
+    views = replace(ball(), has_masks=False)
+    poses = views.camera_to_world.copy()
+    poses[4] = poses[4] @ np.diag([-1.0, -1, 1, 1])  # upside down
+    views = replace(views, camera_to_world=poses)
+    order = [k for k in range(COUNT) if k != 2]
+    scene = Scene(views.subset(order), replace(views.subset([2]), split="test"), Frame(np.eye(4), np.eye(4)))
+    context, figures, nothing = FakeContext(scratch=tmp_path), {}, np.zeros((0, 3), np.float32)
+    p = data.PhotosParams(path=tmp_path, vignetting=False)
+    after = data._compared(context, scene, PointCloud(nothing, nothing), figures, p, True)
+    assert set(scene.train.names) - set(after.train.names) == {views.names[4]}
+    assert after.test.names == scene.test.names
+    assert any(views.names[4] in line for line in context.warnings)

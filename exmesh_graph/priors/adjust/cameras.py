@@ -37,6 +37,8 @@ _STILL = 0.15
 _FAR = 2.0
 """Pixels, the mean of a view: where one moved farther there is another turn."""
 _LEAST_SIDE = 48
+_LEAST_KNOWN, _LEAST_ALIKE, _MOST_ASTRAY = 0.45, 0.75, 0.2
+"""Of the medians; right cameras have had 0.67 and 0.83 of them at least, a wrong one 0.23 and 0.65. Of the views."""
 _FARTHEST = 0.03
 """Change of a depth in one step, as a share of it, at most."""
 
@@ -44,12 +46,22 @@ _FARTHEST = 0.03
 @dataclass(frozen=True)
 class Adjusted:
     """camera_to_world float64 [N, 4, 4]; `moved` float64 [N], pixels by which its patches shifted in each view;
-    mean correlation of patches with the other views, (before, after); the depth by which that was found last."""
+    mean correlation of patches with the other views, (before, after); the depth by which that was found last; and
+    `agreement` float64 [N], the correlation afterwards of each view's own patches."""
 
     camera_to_world: np.ndarray
     moved: np.ndarray
     correlation: tuple[float, float]
     depths: DepthMaps
+    agreement: np.ndarray
+
+    @property
+    def astray(self) -> np.ndarray:
+        """bool [N]: views whose cameras are wrong: others confirm far less of their depth and their patches than of
+        most. None where they would be many, for then most may be wrong."""
+        known = (self.depths.depth > 0).mean(axis=(1, 2))
+        wrong = (known < _LEAST_KNOWN * np.median(known)) & (self.agreement < _LEAST_ALIKE * np.median(self.agreement))
+        return wrong if wrong.mean() <= _MOST_ASTRAY else np.zeros_like(wrong)
 
 
 def adjust_cameras(
@@ -71,6 +83,7 @@ def adjust_cameras(
     levels, known = _levels(views), None if points is None else points.points
     done, moved = views, np.zeros(len(views))
     agreement: list[float] = []
+    alike = np.zeros(len(views))
     with sharing(threads), ThreadPoolExecutor(threads or usable_cores()) as pool:
         for turn in range(TURNS):
             tell(f"adjusting {len(views)} cameras, turn {turn + 1}: stereo")
@@ -80,32 +93,35 @@ def adjust_cameras(
                 for k in range(len(views))
             ]
             chosen = choose_sources(views.intrinsics, done.camera_to_world, views.height, views.width, SOURCES, known)
-            poses, (before, after) = _fitted(levels, patches, chosen, done.camera_to_world, pool, tell)
+            poses, told = _fitted(levels, patches, chosen, done.camera_to_world, pool, tell)
+            before, after = (_mean(one) for one in told)
             agreement += [] if agreement else [before]
             if not after > before:
+                alike = _each(told[0]) if turn == 0 else alike
                 break
             agreement.append(after)
+            alike = _each(told[1])
             far, moved = _moved(done, patches, poses).max(), _moved(views, patches, poses)
             done = replace(done, camera_to_world=poses)
             if far < _FAR:
                 break
-    return Adjusted(done.camera_to_world, moved, (agreement[0], agreement[-1]), stereo.depths)
+    return Adjusted(done.camera_to_world, moved, (agreement[0], agreement[-1]), stereo.depths, alike)
 
 
 def _fitted(
     levels: list[Level], patches: list[Patches], chosen: np.ndarray, poses: np.ndarray, pool: ThreadPoolExecutor,
     tell: Callable[[str], None],
-) -> tuple[np.ndarray, tuple[float, float]]:  # fmt: skip
-    """(poses, mean correlation at the finest size before and after)."""
+) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:  # fmt: skip
+    """(poses, what `_correlations` gives of the finest size before and after)."""
     logs = [np.zeros(len(one)) for one in patches]
-    before = _correlation(levels[-1], patches, logs, chosen, poses, pool)
+    before = _correlations(levels[-1], patches, logs, chosen, poses, pool)
     for k, level in enumerate(levels):
         tell(f"pictures of {level.gray.shape[2]} x {level.gray.shape[1]} pixels ({k + 1} of {len(levels)})")
         for _ in range(STEPS):
             poses, logs, change = _step(level, patches, logs, chosen, poses, pool)
             if change * level.intrinsics[0, 0, 0] < _STILL:
                 break
-    return poses, (before, _correlation(levels[-1], patches, logs, chosen, poses, pool))
+    return poses, (before, _correlations(levels[-1], patches, logs, chosen, poses, pool))
 
 
 def _levels(views: Views) -> list[Level]:
@@ -127,14 +143,21 @@ def _shares(
     return list(pool.map(lambda k: share_of(level, k, patches[k], logs[k], chosen[k], poses), range(len(poses))))
 
 
-def _correlation(
+def _correlations(
     level: Level, patches: list[Patches], logs: list[np.ndarray], chosen: np.ndarray, poses: np.ndarray,
     pool: ThreadPoolExecutor,
-) -> float:  # fmt: skip
-    """Mean correlation of what can be compared, negative ones as none."""
-    sums = [(share.agreement, share.compared) for share in _shares(level, patches, logs, chosen, poses, pool) if share]
-    agreement, compared = (sum(part) for part in zip(*sums, strict=True)) if sums else (0.0, 0.0)
-    return agreement / max(compared, 1.0)
+) -> np.ndarray:  # fmt: skip
+    """float64 [N, 2], of each view's patches: the sum of what can be compared, negative ones as none; and how many."""
+    shares = _shares(level, patches, logs, chosen, poses, pool)
+    return np.array([(0.0, 0.0) if share is None else (share.agreement, share.compared) for share in shares])
+
+
+def _each(correlations: np.ndarray) -> np.ndarray:
+    return np.asarray(correlations[:, 0] / np.maximum(correlations[:, 1], 1.0))
+
+
+def _mean(correlations: np.ndarray) -> float:
+    return float(_each(correlations.sum(axis=0, keepdims=True))[0])
 
 
 def _step(
