@@ -164,11 +164,11 @@ def auto(
             mesh, row = _standing(ctx, views, maps[str(method)], mesh, p)
             rows.append(row)
         elif judged:
-            kept, shown, vessel, said = _judged(ctx, views, field, maps, factor, p)
+            kept, shown, vessel, said = _judged(ctx, views, field, maps, factor, p, found=stereo is not None)
             mesh, solid, rows = kept.mesh, kept.solid, rows + said
         else:
             found = carving(field, views, maps[str(method)], _carving(str(method), p))
-            values = regained(found.field(), found, views)
+            values = regained(found.field(), found, views, found=stereo is not None)
             mesh = Mesh(*solid_surface(values, found.grid, 0, ctx.node))
             solid = carved_solid(values, found.grid, p.resolution)
     if solid and p.openings and len(views) >= ENOUGH_VIEWS:
@@ -278,7 +278,14 @@ def _hull_solid(field: SilhouetteField) -> Solid:
 
 
 def _judged(
-    ctx: Context, views: Views, field: SilhouetteField, maps: dict[str, DepthMaps], factor: int, p: AutoParams
+    ctx: Context,
+    views: Views,
+    field: SilhouetteField,
+    maps: dict[str, DepthMaps],
+    factor: int,
+    p: AutoParams,
+    *,
+    found: bool,
 ) -> tuple[Kept, Views, dict[str, Any] | None, list[dict[str, Any]]]:
     """What photographs foretell one another best over: the hull, opened where it is a vessel's, or what depth maps let
     them take away of it.
@@ -305,7 +312,7 @@ def _judged(
             hull = hull._replace(mesh=Mesh(*opened(*hull.solid(p.resolution), mouths)), mouths=mouths)
     with sharing(p.threads):
         kept, rows = kept_surface(
-            hull, carvings, maps, views, shown, factor, resolution=p.resolution, where=ctx.node
+            hull, carvings, maps, views, shown, factor, resolution=p.resolution, found=found, where=ctx.node
         )  # fmt: skip
     for row in rows:
         ctx.log(told(row))

@@ -39,6 +39,7 @@ def kept_surface(
     factor: int,
     *,
     resolution: int = 0,
+    found: bool = False,
     where: str = "evaluate.surfaces",
 ) -> tuple[Kept, list[dict[str, Any]]]:
     """(the surface that is kept, a row of the decisions for each carving).
@@ -47,6 +48,7 @@ def kept_surface(
     views, shown  the photographs, and the same in one exposure, in which they foretell one another
     factor  by which pictures are reduced before they are compared
     resolution  of the carved solid where its own grid is asked for
+    found  whether the masks were found, and so err
 
     Beside the mouths of the hull's vessels carving is judged as elsewhere; in them it must gain more, for two lengths
     tell the inside of a cup better than noisy depth does.
@@ -59,7 +61,7 @@ def kept_surface(
         ways = [_Way([], lets, ROUGH if best.mouths else BENT)]
         if mouths := list(best.mouths):
             ways.append(_Way(mouths, [openings.apart(let, carving.grid, mouths) for let in lets], BENT))
-        tried = [one for way in ways if (one := _tried(way, carving, views, foretold, scores, where))]
+        tried = [one for way in ways if (one := _tried(way, carving, views, foretold, scores, found, where))]
         if not tried:
             rows.append(uncarved_row(SURFACES[name], best.name))
             continue
@@ -101,13 +103,14 @@ class _Tried(NamedTuple):
 
 
 def _tried(
-    way: _Way, carving: Carving, views: Views, foretold: rephotography.Foretold, kept: rephotography.Scores, where: str
-) -> _Tried | None:
+    way: _Way, carving: Carving, views: Views, foretold: rephotography.Foretold, kept: rephotography.Scores,
+    found: bool, where: str,
+) -> _Tried | None:  # fmt: skip
     """The most careful choice of a way, or a bolder one that photographs prefer to it; None where nothing may go."""
     made = []
     for let in way.lets:
         if let.any():
-            mesh, values = _carved(carving, let, way.mouths, views, where)
+            mesh, values = _carved(carving, let, way.mouths, views, found, where)
             made.append(_Made(mesh, values, foretold.scores((mesh.vertices, mesh.faces))))
     if not made:
         return None
@@ -122,9 +125,9 @@ def _gains(before: rephotography.Scores, after: rephotography.Scores) -> list[tu
 
 
 def _carved(
-    carving: Carving, let: np.ndarray, mouths: list[openings.Opening], views: Views, where: str
+    carving: Carving, let: np.ndarray, mouths: list[openings.Opening], views: Views, found: bool, where: str
 ) -> tuple[Mesh, np.ndarray]:
     """(the hull less what is `let` go [I, J, K] of what depth maps carve, and its mouths; its field without these)."""
-    values = regained(carving.field(carving.taken & ~let), carving, views)
-    found = openings.opened(values, carving.grid, mouths) if mouths else solid_surface(values, carving.grid, 0, where)
-    return Mesh(*found), values
+    values = regained(carving.field(carving.taken & ~let), carving, views, found=found)
+    made = openings.opened(values, carving.grid, mouths) if mouths else solid_surface(values, carving.grid, 0, where)
+    return Mesh(*made), values

@@ -5,8 +5,9 @@ and a Gaussian takes what one voxel holds. The masks of other views still show i
 something along its ray. Of what was taken along it, that stays which most such rays share: a rope lies on the rays of
 all views that miss it, what surrounded it in the hull on those of few (the visual hull of what is missing).
 
-Masks err as well: one that takes the wall behind a chair's rods for the chair misses something that is not there. Where
-a few such rays meet is before the solid in all other views, while what is thin and real lies beside it in many.
+Masks that were found err: one that takes the wall behind a chair's rods for the chair misses something that is not
+there. Where a few such rays meet is before the solid in all other views, while most of what is thin and real lies
+beside it in many.
 """
 
 from __future__ import annotations
@@ -26,46 +27,46 @@ _MOST = 24  # masks that are asked
 _ROUNDS = 2
 _SHARE = 0.9  # of the missed rays through the point of a ray where most of them meet
 _LEAST = 2  # views
-_BESIDE = 0.25  # of the views, in which a point that is put back lies beside what was carved
+_BESIDE = 0.25  # of the views, whose masks, if found, show a point that is put back beside what was carved
 _THIN = 0.3  # grid steps below the surface, at least, of a point that is put back
 
 
-def regained(values: np.ndarray, carving: Carving, views: Views) -> np.ndarray:
+def regained(values: np.ndarray, carving: Carving, views: Views, *, found: bool = False) -> np.ndarray:
     """The field float32 [I, J, K], positive inside, of a solid carved out of `carving.hull`, with what masks miss.
 
     A mask's rim of a pixel beside what the solid covers is not missed: outlines are found to a fraction of a pixel, and
-    Stage I moves them. Views without a mask have no say.
+    Stage I moves them. Views without a mask have no say. Where masks were `found`, not given, a point comes back only
+    where a quarter of them show it beside what was carved.
     """
     grid, hull = carving.grid, carving.hull
     told = np.flatnonzero(views.masked)
     told = told[spread_over(len(told), _MOST)]
     masks, intrinsics = _reduced(views, told)
     cameras = projections(intrinsics, views.world_to_camera[told])
-    first: list[np.ndarray] = []
+    beside: list[np.ndarray] = []
     for _ in range(_ROUNDS):
         mesh = surface(values, grid)
         covered = [
             shown_faces(*mesh, k, pose, *mask.shape) >= 0
             for mask, k, pose in zip(masks, intrinsics, views.world_to_camera[told], strict=True)
         ]
-        first = first or covered
+        beside = beside or [mask & ~one for mask, one in zip(masks, covered, strict=True)]
         missed = [_missed(mask, one) for mask, one in zip(masks, covered, strict=True)]
         if not any(one.any() for one in missed):
             break
         able = np.flatnonzero((hull > -0.5 * grid.step) & (values <= 0.5 * grid.step))
-        able = able[_beside(grid.points()[able], cameras, first)]
+        able = able[_often(grid.points()[able], cameras, beside)] if found else able
         back = able[_most_missed(grid.points()[able], cameras, missed)]
         values = values.copy()
         values.ravel()[back] = np.maximum(hull.ravel()[back], _THIN * grid.step)
     return values
 
 
-def _beside(points: np.ndarray, cameras: np.ndarray, covered: list[np.ndarray]) -> np.ndarray:
-    """bool [P]: points [P, 3] that lie beside what is `covered` bool [H, W], in so many of the views."""
+def _often(points: np.ndarray, cameras: np.ndarray, beside: list[np.ndarray]) -> np.ndarray:
+    """bool [P]: points [P, 3] that enough views show on a pixel that is `beside` bool [H, W] what was carved."""
     count = np.zeros(len(points), np.int32)
-    for camera, one in zip(cameras, covered, strict=True):
-        at, _ = _on(points, camera, ~one)
-        count[at] += 1
+    for camera, one in zip(cameras, beside, strict=True):
+        count[_on(points, camera, one)[0]] += 1
     return count >= max(_LEAST, _BESIDE * len(cameras))
 
 

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -58,6 +59,19 @@ def test_a_rope_that_was_carved_away_comes_back_where_it_was():
     assert np.mean(off < ROPE + 1.5 * carving.grid.step) > 0.9
     assert ((back <= 0) | (carving.hull > -0.5 * carving.grid.step)).all()
     assert np.array_equal(back[back <= 0], lost[back <= 0])
+
+
+@pytest.mark.parametrize(("erring", "expected"), [(4, False), (20, True)])
+def test_what_few_masks_show_beside_a_solid_is_their_error(erring, expected):
+    """A rope that so many of 24 masks show, in a hull that the others do not cut."""
+    views, carving = seen_of(rope=True)
+    ball, _ = seen_of(rope=False)
+    hull = np.maximum(carving.hull, field(carving.grid))
+    mixed = replace(views, alpha=np.concatenate([views.alpha[:erring], ball.alpha[erring:]]))
+    lost = carving.field()
+    for found in (False, True):  # masks that are given do not err
+        back = regained(lost, replace(carving, hull=hull), mixed, found=found)
+        assert (((back > 0) & (lost <= 0)).sum() > 100) == (expected or not found)
 
 
 def test_a_rim_of_half_a_pixel_is_not_filled():
