@@ -6,7 +6,8 @@
     python -m benchmarks.scenes.photographs brush --table cloth --turntable --out FOLDER/turned --worlds FOLDER
 
 With `--turntable` the table turns before a camera, lamps and a wall of books that stand still. With `--aperture` the
-lens has a depth of field; with `--phone` the camera raises contrast, colour and edges and writes a smaller file.
+lens has a depth of field, with `--vignetting` it darkens the corners; with `--phone` the camera raises contrast, colour
+and edges and writes a smaller file.
 `images/*.jpg` are what data.photos takes; `truth/` holds the object's mesh and the cameras for tests. CC0.
 """
 
@@ -70,7 +71,7 @@ def main() -> None:
             seen = stage.picture(lit(stage, moving, k), held, side(), options.samples, recipe.seed * 10_000 + k)
             if turned:  # the wall is farther away: a camera that is put higher sees other books
                 seen[..., :3] += (1 - seen[..., 3:]) * books(side(), round(1000 * pose[2, 3]))
-            picture, quality = photographed(seen[..., :3] * gain, noise), QUALITY
+            picture, quality = photographed(seen[..., :3] * gain, noise, options.vignetting), QUALITY
             if options.phone:
                 picture, quality = pleasing(picture), PHONE_QUALITY
             _write(path, picture, upright, quality)
@@ -88,10 +89,11 @@ def focal() -> float:
     return WIDTH / 2 / math.tan(FIELD / 2) / 0.94
 
 
-def photographed(light: np.ndarray, noise: np.ndarray) -> np.ndarray:
+def photographed(light: np.ndarray, noise: np.ndarray, corner: float = 1.0) -> np.ndarray:
     """Display values [HEIGHT, WIDTH, 3] of a pinhole's linear light [S, S, 3], through the lens, with noise alike.
 
-    The lens: x_d = x (1 + k1 r^2 + k2 r^4) of the pinhole's x = X / Z (Brown's radial terms), undone by iteration.
+    The lens: x_d = x (1 + k1 r^2 + k2 r^4) of the pinhole's x = X / Z (Brown's radial terms), undone by iteration. It
+    falls off as a cosine's fourth power does, 1 / (1 + a r^2)^2, to the share `corner` of the middle's light in corners.
     """
     from scipy.ndimage import gaussian_filter, map_coordinates
 
@@ -106,6 +108,8 @@ def photographed(light: np.ndarray, noise: np.ndarray) -> np.ndarray:
     at = np.stack([py * scale + fine / 2 - 0.5, px * scale + fine / 2 - 0.5])
     blurred = gaussian_filter(light, (0.45 * scale / focal(), 0.45 * scale / focal(), 0))  # a pixel's extent
     seen = np.stack([map_coordinates(blurred[..., c], at, order=1, mode="nearest") for c in range(3)], -1)
+    r2 = px**2 + py**2
+    seen *= (1 + r2 / r2[0, 0] * (corner**-0.5 - 1))[..., None] ** -2
     return encode(np.clip(seen + np.sqrt(PHOTONS * seen.clip(0) + READ) * noise, 0, 1))
 
 
@@ -162,6 +166,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--light", choices=WORLDS, default="", help="with --table, instead of the scene's own")
     parser.add_argument("--turntable", action="store_true", help="the object turns; camera, lamps and wall stand still")
     parser.add_argument("--aperture", type=float, default=0.0, help="radius of the lens; the object's is about 1")
+    parser.add_argument("--vignetting", type=float, default=1.0, help="light in the corners, of the middle's; 1: none")
     parser.add_argument("--phone", action="store_true", help="contrast, colour and edges raised, JPEG of lower quality")
     parser.add_argument("--samples", type=int, default=SAMPLES, help="rays of a pixel")
     parser.add_argument("--out", type=Path, required=True)

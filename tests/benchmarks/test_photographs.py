@@ -16,6 +16,7 @@ from benchmarks.photo_sample import SAMPLE, _inside, _pixels, against_truth, ste
 from benchmarks.photos import similarity
 from benchmarks.scenes import photographs as shots
 from benchmarks.scenes.cameras import FIELD
+from benchmarks.scenes.model import decode
 from benchmarks.scenes.render import FOCUSED, Stage
 from exmesh_graph.native import import_open3d
 from exmesh_graph.types import Views
@@ -120,6 +121,16 @@ def test_a_telephone_raises_contrast_colour_and_edges():
     row = shots.pleasing(edge)[10, :, 0]
     assert row[9] < row[2] < 0.4 < 0.6 < row[17] < row[10]
     assert shots.pleasing(np.random.default_rng(0).random((9, 9, 3))).max() <= 1
+
+
+def test_a_lens_darkens_corners_as_it_is_told():
+    light, still = np.full((shots.side(), shots.side(), 3), 0.5), np.zeros((shots.HEIGHT, shots.WIDTH, 3))
+    even, dark = (decode(shots.photographed(light, still, corner)) for corner in (1.0, 0.4))
+    ratio = (dark / even)[..., 0]
+    np.testing.assert_allclose(even, 0.5, rtol=1e-3)
+    assert ratio[0, 0] == pytest.approx(0.4, abs=0.005)
+    assert ratio[shots.HEIGHT // 2, shots.WIDTH // 2] == pytest.approx(1, abs=0.005)
+    assert (np.diff(ratio[shots.HEIGHT // 2, shots.WIDTH // 2 :]) < 0).all()
 
 
 def test_a_lens_is_focused_on_the_nearer_side():
