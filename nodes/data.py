@@ -289,7 +289,8 @@ def _even(
     figures["vignetting"] = 1.0 - min(corners, default=1.0)
     for lens in lenses:
         if lens.vignetting.found:
-            ctx.log(f"vignetting taken out of {lens.told}: {lens.vignetting.told}")
+            count = int(lens.took(scene.train).sum() + lens.took(scene.test).sum())
+            ctx.log(f"vignetting taken out of {count} pictures: {lens.vignetting.told}")
     return replace(scene, train=even(scene.train, lenses), test=even(scene.test, lenses)) if corners else scene
 
 

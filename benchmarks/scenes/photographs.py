@@ -92,8 +92,8 @@ def focal() -> float:
 def photographed(light: np.ndarray, noise: np.ndarray, corner: float = 1.0) -> np.ndarray:
     """Display values [HEIGHT, WIDTH, 3] of a pinhole's linear light [S, S, 3], through the lens, with noise alike.
 
-    The lens: x_d = x (1 + k1 r^2 + k2 r^4) of the pinhole's x = X / Z (Brown's radial terms), undone by iteration. It
-    falls off as a cosine's fourth power does, 1 / (1 + a r^2)^2, to the share `corner` of the middle's light in corners.
+    The lens: x_d = x (1 + k1 r^2 + k2 r^4) of the pinhole's x = X / Z (Brown's radial terms), undone by iteration.
+    It falls off as a cosine's fourth power does, 1 / (1 + a r^2)^2, to `corner` of the middle's light in the corners.
     """
     from scipy.ndimage import gaussian_filter, map_coordinates
 

@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 
 from exmesh_graph.io.scene import Scene
 from exmesh_graph.io.train_size import reduced
+from exmesh_graph.priors.patch_match.estimate import Stereo
+from exmesh_graph.priors.radiometry import even as evenness
 from exmesh_graph.priors.radiometry import pairs as pairing
 from exmesh_graph.priors.radiometry import vignetting
 from exmesh_graph.priors.radiometry.even import Lens, even, lenses_of
@@ -156,7 +158,7 @@ def test_a_lens_of_known_walls_is_taken_out(monkeypatch):
     views, depths = wall(count=9, size=240)
     dark = darkened(views, 0.5)
     (lens,) = lenses_of(dark, depths)
-    assert lens.names == frozenset(views.names)
+    assert lens.took(views).all()
     assert lens.vignetting.found
     assert "darker" in lens.vignetting.told
     light = even(dark, [lens])
@@ -168,6 +170,21 @@ def test_a_lens_of_known_walls_is_taken_out(monkeypatch):
     (none,) = lenses_of(views, depths)
     assert not none.vignetting.found
     assert even(views, [none]) is views
+
+
+def test_of_many_pictures_some_are_asked(monkeypatch):
+    asked = []
+
+    def stereo(views, *given, **more):
+        asked.append(len(views))
+        return Stereo(wall(count=60, size=32)[1], *(np.zeros(0),) * 2, ())
+
+    monkeypatch.setattr(evenness, "patch_match", stereo)
+    views, _ = wall(count=70, size=32)
+    lenses_of(views, None)
+    lenses_of(views.subset(range(60)), None)
+    lenses_of(views.subset(range(5)), None)
+    assert asked == [60, 60]
 
 
 def test_lenses_are_told_apart(monkeypatch):
@@ -186,8 +203,8 @@ def test_lenses_are_told_apart(monkeypatch):
     depth = np.concatenate([depth[:9], depth[9:, 20:-20, 20:-20][:, rows][:, :, rows]])
     mixed = replace(views, images=images, intrinsics=intrinsics)
     one, two = lenses_of(mixed, replace(depths, names=views.names, depth=depth))
-    assert one.names == frozenset(views.names[:9])
-    assert two.names == frozenset(views.names[9:])
+    assert one.took(mixed).tolist() == [True] * 9 + [False] * 9
+    assert (one.took(mixed) != two.took(mixed)).all()
     assert (one.vignetting.found, two.vignetting.found) == (True, False)
     light = even(mixed, [one, two])
     np.testing.assert_array_equal(light.images[9:], mixed.images[9:])
@@ -197,7 +214,7 @@ def test_lenses_are_told_apart(monkeypatch):
 def test_what_is_cut_off_stays_so():
     views, _ = wall(count=2, size=32)
     bright = replace(views, images=np.ones_like(views.images), alpha=np.full_like(views.alpha, 0.75))
-    lens = Lens(frozenset(views.names), Vignetting(np.array([0.7, 0.0, 0.0]), 0.05, 0.01, np.zeros(2)))
+    lens = Lens(32 / views.intrinsics[0, 0, 0], Vignetting(np.array([0.7, 0.0, 0.0]), 0.05, 0.01, np.zeros(2)))
     np.testing.assert_array_equal(even(bright, [lens]).images, 0.75)
     linear = even(replace(bright, clipped=False), [lens])
     assert linear.images.max() > 1.5

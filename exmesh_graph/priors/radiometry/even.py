@@ -17,28 +17,29 @@ from exmesh_graph.types import DepthMaps, PointCloud, Views
 
 _SIDE, _SOURCES = 360, 8
 _ALIKE = 0.02  # of a field of view: zooms rest at different lengths
-_FEWEST = 6  # views of one lens
+_FEWEST, _MOST = 6, 60  # views of one lens; views in all, where depth is still to be found
 
 
 @dataclass(frozen=True)
 class Lens:
-    """One lens, or one length of a zoom: the names of the views it took, and how it darkens them."""
+    """One lens, or one length of a zoom: the longer side of its pictures over the focal length, and how it darkens."""
 
-    names: frozenset[str]
+    field: float
     vignetting: Vignetting
 
-    @property
-    def told(self) -> str:
-        """Which pictures."""
-        return f"{len(self.names)} pictures"
+    def took(self, views: Views) -> np.ndarray:
+        """bool [N], which of `views` were taken through it."""
+        return np.asarray(np.abs(_fields(views) / self.field - 1) < _ALIKE)
 
 
 def lenses_of(views: Views, depths: DepthMaps | None, points: PointCloud | None = None, *, seed: int = 0) -> list[Lens]:
     """The lenses of `views`, told apart by their field of view, and what each does to light.
 
-    depths  of these views; None: found here, by stereo at 360 pixels that begins at `points`
+    depths  of these views; None: found here, of 60 of them at most, by stereo at 360 pixels that begins at `points`
     Lenses of fewer than six views are left out. Equal arguments give equal results on any number of cores.
     """
+    if depths is None and len(views) > _MOST:
+        views = views.subset(np.linspace(0, len(views) - 1, _MOST).round())
     if len(views) < _FEWEST:
         return []
     if depths is None:
@@ -46,12 +47,14 @@ def lenses_of(views: Views, depths: DepthMaps | None, points: PointCloud | None 
     known = None if points is None else points.points
     sources = choose_sources(views.intrinsics, views.camera_to_world, views.height, views.width, _SOURCES, known)
     pairs = pairs_of(views, depths, sources)
-    found = []
-    for rows in _alike(views):
+    fields, left, found = _fields(views), np.ones(len(views), bool), []
+    while left.any():
+        field = fields[left.argmax()]
+        rows = np.flatnonzero(left & (np.abs(fields / field - 1) < _ALIKE))
+        left[rows] = False
         if len(rows) >= _FEWEST:
             inside = np.isin(pairs.first, rows) & np.isin(pairs.second, rows)
-            names = frozenset(views.names[row] for row in rows)
-            found.append(Lens(names, vignetting_of(pairs.of(inside), len(views))))
+            found.append(Lens(float(field), vignetting_of(pairs.of(inside), len(views))))
     return found
 
 
@@ -60,16 +63,17 @@ def even(views: Views, lenses: Sequence[Lens]) -> Views:
 
     Where 8-bit pictures are cut off at 1 they stay so: what would be brighter than 1 is as unknown as before.
     """
-    lens_of = {name: lens.vignetting for lens in lenses if lens.vignetting.found for name in lens.names}
-    if not any(name in lens_of for name in views.names):
+    known = [(lens.took(views), lens.vignetting) for lens in lenses if lens.vignetting.found]
+    of_view = [next((one for took, one in known if took[k]), None) for k in range(len(views))]
+    if not any(of_view):
         return views
 
     def pictures() -> Iterator[Picture]:
-        for k, name in enumerate(views.names):
+        for k, vignetting in enumerate(of_view):
             picture, alpha = np.asarray(views.images[k]), np.asarray(views.alpha[k])
-            if name in lens_of:
+            if vignetting is not None:
                 squared = tangents_squared(views.intrinsics[k], views.height, views.width)
-                picture = (picture / lens_of[name].at(squared)[..., None]).astype(np.float32)
+                picture = (picture / vignetting.at(squared)[..., None]).astype(np.float32)
                 if views.clipped:
                     picture = np.minimum(picture, alpha[..., None])
             yield picture, alpha, None
@@ -77,12 +81,6 @@ def even(views: Views, lenses: Sequence[Lens]) -> Views:
     return with_pictures(views, pictures(), views.height, views.width)
 
 
-def _alike(views: Views) -> list[np.ndarray]:
-    """Rows of views whose field of view is about the same, each row once."""
-    width = max(views.height, views.width) / views.intrinsics[:, 0, 0]
-    left, groups = np.arange(len(views)), []
-    while len(left):
-        near = np.abs(width[left] / width[left[0]] - 1) < _ALIKE
-        groups.append(left[near])
-        left = left[~near]
-    return groups
+def _fields(views: Views) -> np.ndarray:
+    """float64 [N], as `Lens.field`."""
+    return np.asarray(max(views.height, views.width) / views.intrinsics[:, 0, 0])
