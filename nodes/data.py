@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from exmesh_graph.io.scene import Scene
     from exmesh_graph.priors.adjust.cameras import Adjusted
+    from exmesh_graph.priors.patch_match.estimate import Stereo
 
 # all but the first: normalisation, which finds the object, and the check of the masks
 _PICTURES = ("OpenImageIO", "scipy", "scikit-image", "torch", "warp-lang")
@@ -224,19 +225,23 @@ def _compared(
     ctx: Context, scene: Scene, points: PointCloud, figures: dict[str, Any], p: PhotosParams, adjust: bool
 ) -> Scene:
     """The scene after what its photographs say when they are compared pixel by pixel."""
+    import numpy as np
+
     from exmesh_graph.priors.together import together, with_cameras
 
     if not (adjust or p.vignetting):
         return scene
-    views, depths = together(scene.train, scene.test), None
+    views, stereo = together(scene.train, scene.test), None
     if adjust:
         adjusted = _adjusted(ctx, views, points, figures, p)
-        views, depths = replace(views, camera_to_world=adjusted.camera_to_world), adjusted.depths
+        views, stereo = replace(views, camera_to_world=adjusted.camera_to_world), adjusted.stereo
         train, test = with_cameras(scene.train, scene.test, views.camera_to_world)
         scene = replace(scene, train=train, test=test)
         if adjusted.astray.any():
-            scene, views, depths = _without(ctx, scene, views, depths, adjusted.astray)
-    return _even(ctx, scene, views, depths, points, figures) if p.vignetting else scene
+            kept = np.flatnonzero(~adjusted.astray)
+            scene = _without(ctx, scene, views.names, adjusted.astray)
+            views, stereo = views.subset(kept), adjusted.stereo.of(kept)
+    return _even(ctx, scene, views, stereo, points, figures) if p.vignetting else scene
 
 
 def _adjusted(ctx: Context, views: Views, points: PointCloud, figures: dict[str, Any], p: PhotosParams) -> Adjusted:
@@ -258,33 +263,26 @@ def _adjusted(ctx: Context, views: Views, points: PointCloud, figures: dict[str,
     return adjusted
 
 
-def _without(
-    ctx: Context, scene: Scene, views: Views, depths: DepthMaps, astray: np.ndarray
-) -> tuple[Scene, Views, DepthMaps]:
-    """All three without the views that went `astray` bool [N], training views first."""
+def _without(ctx: Context, scene: Scene, names: tuple[str, ...], astray: np.ndarray) -> Scene:
+    """The scene without the views of these `names` that went `astray` bool [N], training views first."""
     import numpy as np
 
-    names = ", ".join(name for name, wrong in zip(views.names, astray, strict=True) if wrong)
+    wrong = ", ".join(names[k] for k in np.flatnonzero(astray))
     ctx.warn(
-        f"no other photograph agrees with what the cameras found for {names} show: they are wrong, and these "
+        f"no other photograph agrees with what the cameras found for {wrong} show: they are wrong, and these "
         "photographs are left out. To have them in: more pictures between these and their neighbours"
     )
     first, second = (np.flatnonzero(~part) for part in np.split(astray, [len(scene.train)]))
-    kept = np.flatnonzero(~astray)
-    return (
-        replace(scene, train=scene.train.subset(first), test=scene.test.subset(second)),
-        views.subset(kept),
-        replace(depths, names=tuple(depths.names[k] for k in kept), depth=depths.depth[kept]),
-    )
+    return replace(scene, train=scene.train.subset(first), test=scene.test.subset(second))
 
 
 def _even(
-    ctx: Context, scene: Scene, views: Views, depths: DepthMaps | None, points: PointCloud, figures: dict[str, Any]
+    ctx: Context, scene: Scene, views: Views, stereo: Stereo | None, points: PointCloud, figures: dict[str, Any]
 ) -> Scene:
     """The scene without vignetting."""
     from exmesh_graph.priors.radiometry.even import even, lenses_of
 
-    lenses = lenses_of(views, depths, points, seed=ctx.seed)
+    lenses = lenses_of(views, stereo, points, seed=ctx.seed)
     corners = [lens.vignetting.corner for lens in lenses if lens.vignetting.found]
     figures["vignetting"] = 1.0 - min(corners, default=1.0)
     for lens in lenses:

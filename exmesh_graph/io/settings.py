@@ -200,7 +200,7 @@ class PhotosOptions(TrainSize, MotionSettings):
         doc="Adjust the cameras found until the photographs agree pixel by pixel; not with masks, nor on turntables.",
     )
     vignetting: bool = param(
-        True,
+        False,
         doc="Take out by how much the lens darkens pictures towards their corners, where they show it beyond doubt; "
         "not on turntables.",
     )

@@ -19,6 +19,7 @@ from exmesh_graph.priors.adjust import cameras
 from exmesh_graph.priors.adjust.cameras import Adjusted, adjust_cameras
 from exmesh_graph.priors.adjust.patches import MOST, Patches, patches_of
 from exmesh_graph.priors.adjust.system import level_of, share_of
+from exmesh_graph.priors.patch_match.estimate import Stereo
 from exmesh_graph.priors.together import together, with_cameras
 from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import DepthMaps, Frame, PointCloud, Views
@@ -305,7 +306,8 @@ def test_cameras_go_astray_where_depth_and_patches_say_so(known, alike, expected
     for k, share in enumerate(known):
         depth[k, :, : round(100 * share)] = 1
     depths = DepthMaps(tuple(f"v{k}" for k in range(count)), depth)
-    found = Adjusted(np.eye(4)[None].repeat(count, 0), np.zeros(count), (0.5, 0.5), depths, np.array(alike))
+    stereo = Stereo(depths, np.zeros((count, 1, 1, 3)), np.zeros((count, 1, 1)), ())
+    found = Adjusted(np.eye(4)[None].repeat(count, 0), np.zeros(count), (0.5, 0.5), stereo, np.array(alike))
     assert np.flatnonzero(found.astray).tolist() == expected
 
 

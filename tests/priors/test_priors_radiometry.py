@@ -21,6 +21,7 @@ from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import Frame, PointCloud
 from tests.priors.prior_scenes import wall
 
+NORMAL = np.array([0.25, -0.3, -1.0]) / np.linalg.norm([0.25, -0.3, -1.0])  # of `wall`, towards the cameras
 SOURCES = np.array([[j for j in range(9) if j != k] for k in range(9)])
 
 
@@ -37,7 +38,18 @@ def drawn(law, views=12, count=6000, seed=0, outliers=0.1, spread=0.1):
     light, other = (
         place * np.exp(gains[k] + n) * law(x) for k, n, x in zip((first, second), noise, (s, t), strict=True)
     )
-    return Pairs(first, second, light, other, 0.3 * s, 0.3 * t), gains - gains.mean()
+    facing = random.uniform(0.2, 1, (2, count))
+    return Pairs(first, second, light, other, 0.3 * s, 0.3 * t, *facing), gains - gains.mean()
+
+
+def known(views, depths):
+    """Stereo that found all of a wall."""
+    normals = np.einsum("nji,j->ni", views.camera_to_world[:, :3, :3], NORMAL)[:, None, None].repeat(8, 1).repeat(8, 2)
+    return Stereo(depths, normals, np.ones(0), ())
+
+
+def paired(views, depths, sources):
+    return pairs_of(views, depths, known(views, depths).normals, sources)
 
 
 def darkened(views, corner):
@@ -79,6 +91,19 @@ def test_what_few_views_say_is_in_doubt():
     assert vignetting_of(replace(pairs, light=light), 12).error > 0.05
 
 
+def test_what_turning_away_does_is_not_the_lens():
+    """A lamp beside the camera; where a place turns away just as it goes outward, nobody can tell."""
+    random = np.random.default_rng(4)
+    pairs, _ = drawn(lambda s: 1 - 0.3 * s)
+    lit = replace(pairs, light=pairs.light * pairs.facing**0.6, other=pairs.other * pairs.other_facing**0.6)
+    assert vignetting_of(lit, 12).corner == pytest.approx(0.7, abs=0.02)
+    none, _ = drawn(lambda s: np.ones_like(s))
+    facing, other = (np.exp(-squared / 0.3 + 0.02 * random.normal(size=len(squared)))
+                     for squared in (none.squared, none.other_squared))  # fmt: skip
+    mixed = replace(none, light=none.light * facing, other=none.other * other, facing=facing, other_facing=other)
+    assert not vignetting_of(mixed, 12).found
+
+
 def test_too_few_pairs_and_pictures_tell_nothing():
     few = drawn(lambda s: 1 - 0.5 * s, count=400)[0]
     found = vignetting_of(few, 12)
@@ -86,19 +111,21 @@ def test_too_few_pairs_and_pictures_tell_nothing():
     assert found.corner == 1
     assert not vignetting_of(few.of(np.zeros(len(few), bool)), 12).found
     views, depths = wall(count=3, size=96)
-    assert lenses_of(views, depths) == []
+    assert lenses_of(views, known(views, depths)) == []
 
 
 def test_the_equations_are_those_of_a_dense_least_squares():
     pairs, _ = drawn(lambda s: 1 - 0.4 * s, views=5, count=60, outliers=0)
     random = np.random.default_rng(3)
     weight, off = random.uniform(0, 1, 60), np.log(pairs.light / pairs.other)
-    powers = vignetting._powers(pairs.other_squared, 0.3) - vignetting._powers(pairs.squared, 0.3)
-    rows = np.zeros((60, 5 + TERMS))
+    columns = vignetting._columns(pairs, 0.3)
+    np.testing.assert_allclose(columns[:, 0], np.log(pairs.facing / pairs.other_facing))
+    np.testing.assert_allclose(columns[:, 2], (pairs.other_squared**2 - pairs.squared**2) / 0.3**2)
+    rows = np.zeros((60, 6 + TERMS))
     rows[np.arange(60), pairs.first] += 1
     rows[np.arange(60), pairs.second] -= 1
-    rows[:, 5:] = powers
-    curvature, slope = vignetting._equations(pairs, off, powers, weight, 5)
+    rows[:, 5:] = columns
+    curvature, slope = vignetting._equations(pairs, off, columns, weight, 5)
     np.testing.assert_allclose(curvature, rows.T @ (rows * weight[:, None]), atol=1e-12)
     np.testing.assert_allclose(slope, rows.T @ (weight * off), atol=1e-12)
 
@@ -110,40 +137,51 @@ def test_terms_are_the_best_of_all_that_are_not_negative():
     for _ in range(10):
         rows = random.normal(size=(40, 4 + TERMS))
         off = random.normal(size=40)
-        terms, gains = vignetting._least(rows.T @ rows, rows.T @ off, 4)
+        found = vignetting._least(rows.T @ rows, rows.T @ off)
         bounds = np.r_[np.full(4, -np.inf), np.zeros(TERMS)], np.inf
         best = lsq_linear(rows, off, bounds=bounds, tol=1e-12).x
-        np.testing.assert_allclose(np.r_[gains, terms], best, atol=1e-4)
+        np.testing.assert_allclose(found, best, atol=1e-4)
 
 
 def test_pairs_show_the_same_places():
     views, depths = wall(count=9, size=240)
-    pairs = pairs_of(views, depths, SOURCES)
+    pairs = paired(views, depths, SOURCES)
     assert len(pairs) > 5000
     assert set(zip(pairs.first, pairs.second, strict=True)) > {(4, 3), (4, 5)}
     assert (pairs.first != pairs.second).all()
     off = np.abs(np.log(pairs.light / pairs.other))
     assert np.median(off) < 0.02
     assert np.quantile(off, 0.95) < 0.1
+    assert 0.75 < pairs.facing.min() < pairs.facing.max() <= 1
     swapped = pairs.of(pairs.first == 4)
     assert swapped.squared.max() <= tangents_squared(views.intrinsics[4], 240, 240).max()
 
 
 def test_places_that_are_hidden_black_cut_off_or_without_depth_do_not_count():
     views, depths = wall(count=9, size=120)
-    known = len(pairs_of(views, depths, SOURCES))
+    count = len(paired(views, depths, SOURCES))
     nearer = depths.depth.copy()
     nearer[3] *= 0.9  # something stands before the wall
-    assert 3 not in pairs_of(views, replace(depths, depth=nearer), SOURCES).second
+    assert 3 not in paired(views, replace(depths, depth=nearer), SOURCES).second
     for value in (0.0, 1.0):
         images = views.images.copy()
         images[5] = value
-        told = pairs_of(replace(views, images=images), depths, SOURCES)
+        told = paired(replace(views, images=images), depths, SOURCES)
         assert 5 not in told.first
         assert 5 not in told.second
-        assert 0 < len(told) < known
-    assert len(pairs_of(views, replace(depths, depth=0 * depths.depth), SOURCES)) == 0
-    assert len(pairs_of(views, depths, np.full((9, 8), -1))) == 0
+        assert 0 < len(told) < count
+    assert len(paired(views, replace(depths, depth=0 * depths.depth), SOURCES)) == 0
+    assert len(paired(views, depths, np.full((9, 8), -1))) == 0
+
+
+def test_how_far_a_place_turns_away():
+    random = np.random.default_rng(0)
+    normals, places = random.normal(size=(2, 50, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    told = pairing._cosine(normals, places)
+    for normal, place, cosine in zip(normals, places, told, strict=True):
+        angle = np.arccos(normal @ -place / np.sqrt(place @ place))
+        assert cosine == pytest.approx(max(np.cos(angle), 0.1))
 
 
 def test_a_picture_of_tangents():
@@ -157,7 +195,7 @@ def test_a_lens_of_known_walls_is_taken_out(monkeypatch):
     monkeypatch.setattr(pairing, "CELL", 6)
     views, depths = wall(count=9, size=240)
     dark = darkened(views, 0.5)
-    (lens,) = lenses_of(dark, depths)
+    (lens,) = lenses_of(dark, known(dark, depths))
     assert lens.took(views).all()
     assert lens.vignetting.found
     assert "darker" in lens.vignetting.told
@@ -167,7 +205,7 @@ def test_a_lens_of_known_walls_is_taken_out(monkeypatch):
     assert np.abs(light.images / views.images - 1)[inner].mean() < 0.02
     small = even(reduced(dark, 2), [lens])  # of another size
     np.testing.assert_allclose(small.images, reduced(light, 2).images, rtol=0.01)
-    (none,) = lenses_of(views, depths)
+    (none,) = lenses_of(views, known(views, depths))
     assert not none.vignetting.found
     assert even(views, [none]) is views
 
@@ -177,7 +215,7 @@ def test_of_many_pictures_some_are_asked(monkeypatch):
 
     def stereo(views, *given, **more):
         asked.append(len(views))
-        return Stereo(wall(count=60, size=32)[1], *(np.zeros(0),) * 2, ())
+        return known(*wall(count=60, size=32))
 
     monkeypatch.setattr(evenness, "patch_match", stereo)
     views, _ = wall(count=70, size=32)
@@ -202,7 +240,7 @@ def test_lenses_are_told_apart(monkeypatch):
     images = np.concatenate([images[:9], cropped[:, rows][:, :, rows]])
     depth = np.concatenate([depth[:9], depth[9:, 20:-20, 20:-20][:, rows][:, :, rows]])
     mixed = replace(views, images=images, intrinsics=intrinsics)
-    one, two = lenses_of(mixed, replace(depths, names=views.names, depth=depth))
+    one, two = lenses_of(mixed, known(mixed, replace(depths, names=views.names, depth=depth)))
     assert one.took(mixed).tolist() == [True] * 9 + [False] * 9
     assert (one.took(mixed) != two.took(mixed)).all()
     assert (one.vignetting.found, two.vignetting.found) == (True, False)

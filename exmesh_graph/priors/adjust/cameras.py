@@ -19,13 +19,13 @@ from exmesh_graph.gpu.torch_setup import sharing
 from exmesh_graph.io.contrast import even_contrast
 from exmesh_graph.priors.adjust.patches import Patches, patches_of
 from exmesh_graph.priors.adjust.system import Level, Share, level_of, share_of
-from exmesh_graph.priors.patch_match.estimate import patch_match
+from exmesh_graph.priors.patch_match.estimate import Stereo, patch_match
 from exmesh_graph.priors.patch_match.sources import choose_sources
 from exmesh_graph.priors.settings import PatchMatchSettings
 from exmesh_graph.priors.together import SIDE
 from exmesh_graph.resources import usable_cores
 from exmesh_graph.targets import prepare_targets
-from exmesh_graph.types import DepthMaps, PointCloud, Views
+from exmesh_graph.types import PointCloud, Views
 
 #: Longer side of the pictures of stereo; sizes of the pictures compared, each half the one before.
 STEREO_SIDE, SIZES = 360, 4
@@ -46,20 +46,20 @@ _FARTHEST = 0.03
 @dataclass(frozen=True)
 class Adjusted:
     """camera_to_world float64 [N, 4, 4]; `moved` float64 [N], pixels by which its patches shifted in each view;
-    mean correlation of patches with the other views, (before, after); the depth by which that was found last; and
+    mean correlation of patches with the other views, (before, after); the stereo by which that was found last; and
     `agreement` float64 [N], the correlation afterwards of each view's own patches."""
 
     camera_to_world: np.ndarray
     moved: np.ndarray
     correlation: tuple[float, float]
-    depths: DepthMaps
+    stereo: Stereo
     agreement: np.ndarray
 
     @property
     def astray(self) -> np.ndarray:
         """bool [N]: views whose cameras are wrong: others confirm far less of their depth and their patches than of
         most. None where they would be many, for then most may be wrong."""
-        known = (self.depths.depth > 0).mean(axis=(1, 2))
+        known = (self.stereo.depths.depth > 0).mean(axis=(1, 2))
         wrong = (known < _LEAST_KNOWN * np.median(known)) & (self.agreement < _LEAST_ALIKE * np.median(self.agreement))
         return wrong if wrong.mean() <= _MOST_ASTRAY else np.zeros_like(wrong)
 
@@ -105,7 +105,7 @@ def adjust_cameras(
             done = replace(done, camera_to_world=poses)
             if far < _FAR:
                 break
-    return Adjusted(done.camera_to_world, moved, (agreement[0], agreement[-1]), stereo.depths, alike)
+    return Adjusted(done.camera_to_world, moved, (agreement[0], agreement[-1]), stereo, alike)
 
 
 def _fitted(

@@ -7,7 +7,7 @@ Bleyer, Rhemann and Rother 2011 (slanted planes), Galliani, Lasinger and Schindl
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -44,6 +44,14 @@ class Stereo:
     normals: np.ndarray
     confidence: np.ndarray
     lonely: tuple[str, ...]
+
+    def of(self, rows: np.ndarray) -> Stereo:
+        """What was found for these of the views, in this order."""
+        names = tuple(self.depths.names[row] for row in rows)
+        return Stereo(
+            replace(self.depths, names=names, depth=self.depths.depth[rows]), self.normals[rows],
+            self.confidence[rows], tuple(name for name in names if name in self.lonely),
+        )  # fmt: skip
 
 
 def patch_match(

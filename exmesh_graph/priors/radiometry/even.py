@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from exmesh_graph.io.picture_files import Picture, with_pictures
-from exmesh_graph.priors.patch_match.estimate import patch_match
+from exmesh_graph.priors.patch_match.estimate import Stereo, patch_match
 from exmesh_graph.priors.patch_match.sources import choose_sources
 from exmesh_graph.priors.radiometry.pairs import pairs_of, tangents_squared
 from exmesh_graph.priors.radiometry.vignetting import Vignetting, vignetting_of
 from exmesh_graph.priors.settings import PatchMatchSettings
-from exmesh_graph.types import DepthMaps, PointCloud, Views
+from exmesh_graph.types import PointCloud, Views
 
 _SIDE, _SOURCES = 360, 8
 _ALIKE = 0.02  # of a field of view: zooms rest at different lengths
@@ -32,21 +32,20 @@ class Lens:
         return np.asarray(np.abs(_fields(views) / self.field - 1) < _ALIKE)
 
 
-def lenses_of(views: Views, depths: DepthMaps | None, points: PointCloud | None = None, *, seed: int = 0) -> list[Lens]:
+def lenses_of(views: Views, stereo: Stereo | None, points: PointCloud | None = None, *, seed: int = 0) -> list[Lens]:
     """The lenses of `views`, told apart by their field of view, and what each does to light.
 
-    depths  of these views; None: found here, of 60 of them at most, by stereo at 360 pixels that begins at `points`
+    stereo  of these views; None: found here, of 60 of them at most, at 360 pixels, beginning at `points`
     Lenses of fewer than six views are left out. Equal arguments give equal results on any number of cores.
     """
-    if depths is None and len(views) > _MOST:
+    if stereo is None and len(views) > _MOST:
         views = views.subset(np.linspace(0, len(views) - 1, _MOST).round())
     if len(views) < _FEWEST:
         return []
-    if depths is None:
-        depths = patch_match(views, PatchMatchSettings(side=_SIDE), points=points, seed=seed).depths
+    stereo = stereo or patch_match(views, PatchMatchSettings(side=_SIDE), points=points, seed=seed)
     known = None if points is None else points.points
     sources = choose_sources(views.intrinsics, views.camera_to_world, views.height, views.width, _SOURCES, known)
-    pairs = pairs_of(views, depths, sources)
+    pairs = pairs_of(views, stereo.depths, stereo.normals, sources)
     fields, left, found = _fields(views), np.ones(len(views), bool), []
     while left.any():
         field = fields[left.argmax()]

@@ -4,11 +4,13 @@ A place is shown at different distances from the middle by different pictures; w
 lens's (Goldman and Chen 2005; Kim and Pollefeys 2008). With the gain g of each picture and s, the square of the
 tangent of the angle to the axis over its largest value,
 
-    log(light / other) = g_first - g_second + log V(s_first) - log V(s_second)
+    log(light / other) = g_first - g_second + log V(s_first) - log V(s_second) + h log(cos_first / cos_second)
     log V(s) = -(a s (2 - s) + b s^2 + c s^3)
 
 is solved by least squares with Geman and McClure's weights: highlights and shadows that move are outliers. a, b, c are
-not negative: V falls all the way, soon or late.
+not negative: V falls all the way, soon or late. Where what stands in the middle faces the camera there and turns away
+at its rim, a lamp beside the camera does what a lens would: h is for that, and where the two cannot be told apart the
+error is large.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ import numpy as np
 from exmesh_graph.priors.radiometry.pairs import Pairs
 
 TERMS = 3
+_SLOPES = 1  # h
 _TURNS = 15
 _FOLDS = 6
 _FEWEST = 500  # pairs
@@ -72,54 +75,60 @@ def vignetting_of(pairs: Pairs, views: int) -> Vignetting:
 def _fitted(pairs: Pairs, views: int, farthest: float) -> tuple[np.ndarray, np.ndarray]:
     """(terms, gains)."""
     off = np.log(pairs.light) - np.log(pairs.other)
-    powers = _powers(pairs.other_squared, farthest) - _powers(pairs.squared, farthest)
+    columns = _columns(pairs, farthest)
     weight, best = np.ones(len(pairs)), np.zeros(TERMS)
     gains = np.zeros(views)
     for _ in range(_TURNS):
-        curvature, slope = _equations(pairs, off, powers, weight, views)
-        best, gains = _least(curvature, slope, views)
-        left = off - powers @ best - gains[pairs.first] + gains[pairs.second]
+        curvature, slope = _equations(pairs, off, columns, weight, views)
+        found = _least(curvature, slope)
+        gains, best = found[:views], found[views + _SLOPES :]
+        left = off - columns @ found[views:] - gains[pairs.first] + gains[pairs.second]
         scale = 2 * 1.4826 * np.median(np.abs(left)) + 1e-6
         weight = (1 + (left / scale) ** 2) ** -2
     return best, gains - gains.mean()
 
 
+def _columns(pairs: Pairs, farthest: float) -> np.ndarray:
+    """[P, 4], what h, a, b and c are factors of."""
+    turned = np.log(pairs.facing) - np.log(pairs.other_facing)
+    return np.c_[turned, _powers(pairs.other_squared, farthest) - _powers(pairs.squared, farthest)]
+
+
 def _equations(
-    pairs: Pairs, off: np.ndarray, powers: np.ndarray, weight: np.ndarray, views: int
+    pairs: Pairs, off: np.ndarray, columns: np.ndarray, weight: np.ndarray, views: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Normal equations [N + 3, N + 3], [N + 3] of gains and terms."""
-    size = views + TERMS
+    """Normal equations [N + 4, N + 4], [N + 4] of gains, h and terms."""
+    size = views + columns.shape[1]
     curvature, slope = np.zeros((size, size)), np.zeros(size)
     for sign, at in ((1.0, pairs.first), (-1.0, pairs.second)):
         curvature[np.arange(views), np.arange(views)] += np.bincount(at, weight, views)
         slope[:views] += sign * np.bincount(at, weight * off, views)
-        for term in range(TERMS):
-            mixed = sign * np.bincount(at, weight * powers[:, term], views)
-            curvature[:views, views + term] += mixed
-            curvature[views + term, :views] += mixed
+        for row, column in enumerate(columns.T, views):
+            mixed = sign * np.bincount(at, weight * column, views)
+            curvature[:views, row] += mixed
+            curvature[row, :views] += mixed
     across = np.bincount(pairs.first * views + pairs.second, weight, views * views).reshape(views, views)
     curvature[:views, :views] -= across + across.T
-    curvature[views:, views:] = (powers * weight[:, None]).T @ powers
-    slope[views:] = powers.T @ (weight * off)
+    curvature[views:, views:] = (columns * weight[:, None]).T @ columns
+    slope[views:] = columns.T @ (weight * off)
     return curvature, slope
 
 
-def _least(curvature: np.ndarray, slope: np.ndarray, views: int) -> tuple[np.ndarray, np.ndarray]:
-    """(terms, gains) of the least squares among all with terms that are not negative."""
-    kept = np.arange(views)
-    floor = 1e-6 * np.trace(curvature[:views, :views]) / views  # gains of views that nothing binds
-    best = np.inf, np.zeros(TERMS), np.zeros(views)
+def _least(curvature: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """The least squares among all whose last three, the terms, are not negative."""
+    size, free = len(slope), len(slope) - TERMS
+    floor = np.diag(np.full(size, 1e-6 * np.trace(curvature) / size))  # gains of views that nothing binds
+    best, least = np.zeros(size), np.inf
     for count in range(TERMS + 1):
-        for chosen in combinations(range(TERMS), count):
-            rows = np.concatenate([kept, views + np.array(chosen, int)])
-            block = curvature[np.ix_(rows, rows)] + floor * np.diag((np.arange(len(rows)) < views).astype(float))
-            found = np.linalg.solve(block + 1e-12 * np.eye(len(rows)), slope[rows])
-            cost = found @ (curvature[np.ix_(rows, rows)] @ found - 2 * slope[rows])
-            if (found[views:] >= 0).all() and cost < best[0]:
-                terms = np.zeros(TERMS)
-                terms[list(chosen)] = found[views:]
-                best = cost, terms, found[:views]
-    return best[1], best[2]
+        for chosen in combinations(range(free, size), count):
+            rows = np.array([*range(free), *chosen])
+            block = curvature[np.ix_(rows, rows)]
+            found = np.linalg.solve(block + floor[np.ix_(rows, rows)], slope[rows])
+            cost = found @ (block @ found - 2 * slope[rows])
+            if (found[free:] >= 0).all() and cost < least:
+                least, best = cost, np.zeros(size)
+                best[rows] = found
+    return best
 
 
 def _powers(squared: np.ndarray, farthest: float) -> np.ndarray:
