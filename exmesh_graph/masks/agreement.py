@@ -30,6 +30,7 @@ _GROWS = 0.02  # of a mask in a turn
 _WORSE, _WELL = 0.05, 0.97  # of `edges.on_edges`: leaked, and good enough
 _GAPS, _MANY = 0.01, 0.5  # of a mask, and of the views: fewer gaps are left alone
 _GAPS_OUTVOTED = 0.12  # of the views: a rod that some take for a gap stays
+_BITTEN, _BITES = 0.12, 2  # of the views, which may lack the same piece; turns in which it is looked for
 _PARTS = None, 0.02, 0.05  # of what lies far beside a mask, which may be the object's; None: that is not asked
 
 
@@ -65,9 +66,9 @@ def agreed_masks(
     outvoted, so that views mend each other. Further turns follow while masks grow, and those masks are taken whose
     outlines lie best on edges of the pictures (`edges`), as those that have leaked into what lies around do not. Where
     masks no longer grow and some of their outlines lie on no edge, colours are compared with what lies far beside them
-    as well. Last, narrow gaps that masks fill are opened, where outlines then lie better. A mask of the first turn that
-    the hull does not cover is contradicted, and so is one that is another than their own hull. `table` as for
-    `masks_of_surface`; without one, gaps are not looked for.
+    as well. Last, what three views of twenty-five lack is put back, and narrow gaps that masks fill are opened, where
+    outlines then lie better. A mask of the first turn that the hull does not cover is contradicted, and so is one that
+    is another than their own hull. `table` as for `masks_of_surface`; without one, gaps are not looked for.
     """
     first = masks_of_surface(views, vertices, faces, cutting, table=table, progress=_turn(progress, 0, len(views)))
     seen = first.mean(axis=(1, 2)) >= _SEEN
@@ -132,10 +133,37 @@ def _mended(
                 break
             if parts.pop(0) is None:  # the other way from the start: what one way has found bends the other
                 masks, near, here = first, vertices, -1.0
+    for _ in range(_BITES):
+        healed = _healed(views, seen, chosen, near, finer, table, told)
+        if healed is None or (clear := clearness(healed)) <= best:
+            break
+        best, chosen = clear, healed
     opened = None if table is None else _opened(views, seen, chosen, near, finer, table, told)
     if opened is not None and clearness(opened) > best:
         chosen = opened
     return chosen, kept, near
+
+
+def _healed(
+    views: Views,
+    seen: np.ndarray,
+    masks: np.ndarray,
+    near: np.ndarray,
+    finer: CutSettings,
+    table: Table | None,
+    progress: Callable[[int, int], None] | None,
+) -> np.ndarray | None:
+    """The masks bool [N, H, W] cut once more, around a shape from which more views may bite the same piece than before:
+    three of twenty-five. None where that is no more of them, and where their masks have nothing in common."""
+    if _wrong(_BITTEN, int(seen.sum())) == _wrong(_OUTVOTED, int(seen.sum())):
+        return None
+    try:
+        hull = common_shape(views.subset(np.flatnonzero(seen)), masks[seen], near, table, _BITTEN)
+    except (DataError, GeometryError):
+        return None
+    healed = masks_of_surface(views, *hull, finer, table=table, progress=progress)
+    healed[~seen] = False
+    return healed
 
 
 def _opened(
@@ -192,14 +220,18 @@ def common_shape(
 
     Raises DataError where the masks have no common part there.
     """
-    wrong = min(max(1, round(outvoted * len(views))), len(views) - 1)
-    cameras = views.intrinsics, views.world_to_camera
+    cameras, wrong = (views.intrinsics, views.world_to_camera), _wrong(outvoted, len(views))
     field = SilhouetteField.from_masks(masks, *cameras, wrong_masks=wrong, names=views.names)
     if table is not None:
         field = Grounded.above(field, table.plane.normal, table.plane.offset)
     low, high = near.min(axis=0).astype(float), near.max(axis=0).astype(float)
     room = _ROOM * (high - low).max()
     return visual_hull(field, resolution=0, low=low - room, high=high + room)
+
+
+def _wrong(share: float, views: int) -> int:
+    """How many masks may be, of so many views."""
+    return min(max(1, round(share * views)), views - 1)
 
 
 def covered(shape: np.ndarray, masks: np.ndarray) -> np.ndarray:

@@ -99,6 +99,37 @@ def test_one_view_is_outvoted_and_mended(ball, monkeypatch):
     assert overlap_of(found.masks[2], ball.masks[2]) > 0.9
 
 
+def test_what_three_views_of_many_bite_off_is_put_back():
+    many = scene(count=25, size=48)
+    everywhere, band = np.ones(25, bool), CutSettings(band=2)
+    bitten = many.masks.copy()
+    for view in (3, 4, 5):  # the same side of the ball
+        rows = np.argwhere(bitten[view])[:, 0]
+        bitten[view, : int(np.quantile(rows, 0.4))] = False
+    lacking = drawn_outlines(*common_shape(many.views, bitten, many.ball[0]), many.views)
+    assert overlap(lacking, many.masks)[[3, 4, 5]].max() < 0.85
+    healed = agreement._healed(many.views, everywhere, bitten, many.ball[0], band, None, None)
+    assert overlap(healed, many.masks).min() > 0.93
+    few = everywhere.copy()
+    few[12:] = False  # of twelve one may err, as before
+    assert agreement._healed(many.views, few, bitten, many.ball[0], band, None, None) is None
+
+
+@pytest.mark.parametrize("more", [True, False])
+def test_masks_are_healed_where_outlines_then_lie_better(ball, monkeypatch, more):
+    asked = []
+
+    def healed(views, seen, masks, *rest):
+        asked.append(masks)
+        return np.full_like(masks, more)
+
+    monkeypatch.setattr(agreement, "on_edges", lambda shown, masks: masks.mean())  # the more is shown the better
+    monkeypatch.setattr(agreement, "_healed", healed)
+    found = agreed_masks(ball.views, *ball.ball, CUTTING, CHECKS)
+    assert len(asked) == (2 if more else 1)  # what brings no more is not asked again
+    assert found.masks.all() == more
+
+
 def test_the_common_shape_is_found_wherever_the_world_puts_it(ball):
     views, _, masks, (vertices, _) = ball
     hull = common_shape(views, masks, vertices)
