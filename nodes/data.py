@@ -239,9 +239,9 @@ def _compared(
         scene = replace(scene, train=train, test=test)
         if adjusted.astray.any():
             kept = np.flatnonzero(~adjusted.astray)
-            scene = _without(ctx, scene, views.names, adjusted.astray)
+            scene = _without(ctx, scene, views.names, adjusted.astray, figures)
             views, stereo = views.subset(kept), adjusted.stereo.of(kept)
-    return _even(ctx, scene, views, stereo, points, figures) if p.vignetting else scene
+    return _even(ctx, scene, views, stereo, points, figures, p) if p.vignetting else scene
 
 
 def _adjusted(ctx: Context, views: Views, points: PointCloud, figures: dict[str, Any], p: PhotosParams) -> Adjusted:
@@ -263,26 +263,31 @@ def _adjusted(ctx: Context, views: Views, points: PointCloud, figures: dict[str,
     return adjusted
 
 
-def _without(ctx: Context, scene: Scene, names: tuple[str, ...], astray: np.ndarray) -> Scene:
+def _without(ctx: Context, scene: Scene, names: tuple[str, ...], astray: np.ndarray, figures: dict[str, Any]) -> Scene:
     """The scene without the views of these `names` that went `astray` bool [N], training views first."""
     import numpy as np
 
-    wrong = ", ".join(names[k] for k in np.flatnonzero(astray))
+    wrong = [names[k] for k in np.flatnonzero(astray)]
+    figures["registered"] -= len(wrong)
+    figures["left_out"] = [*figures["left_out"], *wrong]
     ctx.warn(
-        f"no other photograph agrees with what the cameras found for {wrong} show: they are wrong, and these "
-        "photographs are left out. To have them in: more pictures between these and their neighbours"
+        f"no other photograph agrees with what the cameras found for {', '.join(wrong)} show: they are wrong, and "
+        "these photographs are left out. To have them in: more pictures between these and their neighbours"
     )
     first, second = (np.flatnonzero(~part) for part in np.split(astray, [len(scene.train)]))
     return replace(scene, train=scene.train.subset(first), test=scene.test.subset(second))
 
 
 def _even(
-    ctx: Context, scene: Scene, views: Views, stereo: Stereo | None, points: PointCloud, figures: dict[str, Any]
-) -> Scene:
+    ctx: Context, scene: Scene, views: Views, stereo: Stereo | None, points: PointCloud, figures: dict[str, Any],
+    p: PhotosParams,
+) -> Scene:  # fmt: skip
     """The scene without vignetting."""
+    from exmesh_graph.gpu.torch_setup import sharing
     from exmesh_graph.priors.radiometry.even import even, lenses_of
 
-    lenses = lenses_of(views, stereo, points, seed=ctx.seed)
+    with sharing(p.threads):
+        lenses = lenses_of(views, stereo, points, seed=ctx.seed)
     corners = [lens.vignetting.corner for lens in lenses if lens.vignetting.found]
     figures["vignetting"] = 1.0 - min(corners, default=1.0)
     for lens in lenses:

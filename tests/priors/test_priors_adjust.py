@@ -319,9 +319,11 @@ def test_a_camera_that_went_astray_is_left_out_by_name(tmp_path):
     views = replace(views, camera_to_world=poses)
     order = [k for k in range(COUNT) if k != 2]
     scene = Scene(views.subset(order), replace(views.subset([2]), split="test"), Frame(np.eye(4), np.eye(4)))
-    context, figures, nothing = FakeContext(scratch=tmp_path), {}, np.zeros((0, 3), np.float32)
+    context, nothing = FakeContext(scratch=tmp_path), np.zeros((0, 3), np.float32)
+    figures = {"registered": COUNT, "left_out": ["other"]}
     p = data.PhotosParams(path=tmp_path, vignetting=False)
     after = data._compared(context, scene, PointCloud(nothing, nothing), figures, p, True)
     assert set(scene.train.names) - set(after.train.names) == {views.names[4]}
     assert after.test.names == scene.test.names
+    assert (figures["registered"], figures["left_out"]) == (COUNT - 1, ["other", views.names[4]])
     assert any(views.names[4] in line for line in context.warnings)
