@@ -1,8 +1,9 @@
 """Cameras that another program found, in the files it writes: COLMAP (and who writes COLMAP's files, as RealityScan
-does), nerfstudio, Metashape.
+does), nerfstudio, Metashape, RealityScan.
 
 They lie in the folder of the pictures: `sparse/0/`, `sparse/` or `colmap/sparse/0/` with cameras, images and points3D;
-`transforms.json`; a `.xml` of Metashape's ("Export Cameras"). Cameras are of the files' own pixels, or of those turned
+`transforms.json`; a `.xml` of Metashape's ("Export Cameras"); `.xmp` files of RealityScan's ("XMP metadata"), each
+beside its picture. Cameras are of the files' own pixels, or of those turned
 upright where only that fits; lenses are kept as they are and undone later, as those of `io.motion` are.
 """
 
@@ -11,13 +12,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
-from xml.etree import ElementTree
 
 import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.blender import read_frames, read_json
 from exmesh_graph.io.cameras import intrinsics_from_fov
+from exmesh_graph.io.exported import Found, no_points, read_metashape, read_sidecars, sidecars
 from exmesh_graph.io.formats import read_header
 from exmesh_graph.io.lens import AnyLens, Behind, Lens, turn
 from exmesh_graph.io.mapping import Mapped
@@ -28,6 +29,8 @@ from exmesh_graph.io.working import Working
 from exmesh_graph.native import import_pycolmap
 
 _MODELS = ("sparse/0", "sparse", "colmap/sparse/0")
+#: Where the pictures are, and with them their sidecars.
+PLACES = ("images", "image", ".")
 _PARTS = ("cameras", "images", "points3D", "rigs", "frames")
 #: Quarter turns to the left that make a stored picture upright, by Exif's orientation; the others mirror.
 _QUARTERS = {1: 0, 3: 2, 6: -1, 8: 1}
@@ -44,22 +47,13 @@ class Export(NamedTuple):
         if self.program == "nerfstudio":
             cloud = _nerfstudio_cloud(self.place)
             return [self.place] if cloud is None else [self.place, cloud]
+        if self.program == "RealityScan":
+            return sidecars(self.place)
         if self.place.is_file():
             return [self.place]
         return [
             file for part in _PARTS for ending in (".bin", ".txt") if (file := self.place / (part + ending)).is_file()
         ]
-
-
-class _Found(NamedTuple):
-    """Cameras by picture name as the program writes it, OpenCV axes, in the files' pixels; points as in Motion."""
-
-    poses: Mapping[str, np.ndarray]
-    lenses: Mapping[str, AnyLens]
-    points: np.ndarray
-    colours: np.ndarray
-    tracks: np.ndarray
-    error: float = 0.0
 
 
 def find_export(folder: Path) -> Export | None:
@@ -73,7 +67,9 @@ def find_export(folder: Path) -> Export | None:
             if b"<document" in opened.read(2000):
                 return Export("Metashape", file)
     file = folder / "transforms.json"
-    return Export("nerfstudio", file) if file.is_file() else None
+    if file.is_file():
+        return Export("nerfstudio", file)
+    return next((Export("RealityScan", folder / name) for name in PLACES if sidecars(folder / name)), None)
 
 
 def read_export(export: Export, pictures: Sequence[Path], working: Sequence[Working]) -> Motion:
@@ -144,7 +140,7 @@ def _other_size(picture: Path, lens: AnyLens, export: Export) -> DataError:
     )  # fmt: skip
 
 
-def _read_colmap(place: Path) -> _Found:
+def _read_colmap(place: Path) -> Found:
     colmap = import_pycolmap()
     try:
         model = colmap.Reconstruction(str(place))
@@ -153,10 +149,10 @@ def _read_colmap(place: Path) -> _Found:
     names = frozenset(image.name for image in model.images.values())
     motion = motion_of(Mapped(model, names, "", 0), (), "")
     lenses = {name: motion.lenses[number] for name, number in motion.camera.items()}
-    return _Found(motion.camera_to_world, lenses, motion.points, motion.colours, motion.tracks, motion.error)
+    return Found(motion.camera_to_world, lenses, motion.points, motion.colours, motion.tracks, motion.error)
 
 
-def _read_nerfstudio(file: Path) -> _Found:
+def _read_nerfstudio(file: Path) -> Found:
     poses, lenses = {}, {}
     known: dict[Lens, Lens] = {}
     for shot in read_frames(file.parent, file, "false"):
@@ -168,9 +164,9 @@ def _read_nerfstudio(file: Path) -> _Found:
         poses[shot.image.name], lenses[shot.image.name] = shot.camera_to_world, known.setdefault(lens, lens)
     cloud = _nerfstudio_cloud(file)
     if cloud is None:
-        return _Found(poses, lenses, *_no_points())
+        return Found(poses, lenses, *no_points())
     points = read_points(cloud)  # of which it is not said how many pictures see them
-    return _Found(poses, lenses, points, np.full_like(points, 0.5), np.full(len(points), SEEN_BY))
+    return Found(poses, lenses, points, np.full_like(points, 0.5), np.full(len(points), SEEN_BY))
 
 
 def _nerfstudio_cloud(file: Path) -> Path | None:
@@ -181,57 +177,6 @@ def _nerfstudio_cloud(file: Path) -> Path | None:
     return cloud if named and cloud.is_file() else None
 
 
-def _read_metashape(file: Path) -> _Found:
-    """Metashape's XML: sensors with a calibration, cameras with a transform into the chunk."""
-    try:
-        root = ElementTree.parse(file).getroot()
-    except ElementTree.ParseError as error:
-        raise DataError(f"not valid XML ({error})", where=str(file)) from error
-    sensors: dict[str, Lens] = {}
-    for sensor in root.iter("sensor"):
-        found = sensor.find("calibration[@class='adjusted']")
-        calibration = found if found is not None else sensor.find("calibration")
-        if calibration is not None:
-            sensors[sensor.get("id", "")] = _metashape_lens(calibration, sensor, file)
-    poses, lenses = {}, {}
-    for camera in root.iter("camera"):
-        transform, label = camera.find("transform"), camera.get("label", "")
-        if transform is None or camera.get("sensor_id") not in sensors:
-            continue  # not aligned
-        numbers = np.array((transform.text or "").split(), np.float64)
-        if numbers.size != 16:
-            raise DataError(f"the transform of {label} has {numbers.size} numbers", where=str(file), expected="16")
-        pose = numbers.reshape(4, 4)
-        pose[:3, :3] /= np.cbrt(np.linalg.det(pose[:3, :3]))
-        poses[label], lenses[label] = pose, sensors[camera.get("sensor_id", "")]
-    return _Found(poses, lenses, *_no_points())
-
-
-def _metashape_lens(calibration: ElementTree.Element, sensor: ElementTree.Element, file: Path) -> Lens:
-    """u = w / 2 + cx + x' f + x' B1 + y' B2, v = h / 2 + cy + y' f; P1 goes with r^2 + 2 x^2 (Metashape's manual)."""
-    kind = calibration.get("type", "frame")
-    if kind not in ("frame", "fisheye"):
-        raise DataError(f"a sensor is {kind}", where=str(file), expected="frame or fisheye cameras")
-    resolution = calibration.find("resolution")
-    resolution = resolution if resolution is not None else sensor.find("resolution")
-    if resolution is None or calibration.find("f") is None:
-        raise DataError("a sensor has no resolution or focal length", where=str(file), fix="export the cameras again")
-
-    def number(name: str) -> float:
-        return float(calibration.findtext(name) or 0)
-
-    wide, high = (int(resolution.get(name, 0)) for name in ("width", "height"))
-    f, radial = number("f"), tuple(number(f"k{n}") for n in (1, 2, 3, 4))
-    return Lens(
-        wide, high, (f + number("b1"), f), (wide / 2 + number("cx"), high / 2 + number("cy")), radial,
-        (number("p2"), number("p1")), number("b2"), fisheye=kind == "fisheye",
-    )  # fmt: skip
-
-
-def _no_points() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.int64)
-
-
-_READERS: dict[str, Callable[[Path], _Found]] = {
-    "COLMAP": _read_colmap, "nerfstudio": _read_nerfstudio, "Metashape": _read_metashape,
+_READERS: dict[str, Callable[[Path], Found]] = {
+    "COLMAP": _read_colmap, "nerfstudio": _read_nerfstudio, "Metashape": read_metashape, "RealityScan": read_sidecars,
 }  # fmt: skip

@@ -87,7 +87,8 @@ def _export(path: Path, options: PhotosOptions) -> Export | None:
     if export is None and options.cameras == "file":
         raise DataError(
             "the folder has no cameras of another program", where=str(path),
-            expected="sparse/0/ (COLMAP, RealityScan), transforms.json (nerfstudio) or cameras.xml (Metashape)",
+            expected="sparse/0/ (COLMAP, RealityScan), transforms.json (nerfstudio), cameras.xml (Metashape), "
+            "or .xmp files beside the pictures (RealityScan)",
             fix="export them into this folder, or set cameras: find",
         )  # fmt: skip
     return export

@@ -1,5 +1,5 @@
-"""Cameras of other programs: COLMAP's, nerfstudio's and Metashape's files beside the pictures, lenses and turns with
-them."""
+"""Cameras of other programs: COLMAP's, nerfstudio's, Metashape's and RealityScan's files beside the pictures, lenses
+and turns with them."""
 
 import json
 
@@ -88,7 +88,27 @@ def metashape(folder, poses, kind="frame", more=""):
     )
 
 
-WRITERS = {"COLMAP": colmap, "nerfstudio": nerfstudio, "Metashape": metashape}
+def realityscan(folder, poses, **said):
+    """Focal length of a film of 36 mm, the middle beside the picture's in its longer side, t1 and t2 last."""
+    (k1, k2), (p1, p2) = LENS.radial, LENS.tangential
+    for name, pose in poses.items():
+        to_camera = np.linalg.inv(pose)
+        values = {
+            "DistortionModel": "brown3t2", "FocalLength35mm": 40, "Skew": 0, "AspectRatio": 1,
+            "PrincipalPointU": -1 / 90, "PrincipalPointV": 1.5 / 90,
+            "DistortionCoeficients": f"{k1} {k2} 0 0 {p1} {p2}",
+        } | said  # fmt: skip
+        rotation, place = (" ".join(map(repr, map(float, v.ravel()))) for v in (to_camera[:3, :3], pose[:3, 3]))
+        (folder / "images" / name).with_suffix(".xmp").write_text(
+            '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
+            '<rdf:Description xmlns:xcr="http://www.capturingreality.com/ns/xcr/1.1#" '
+            + " ".join(f'xcr:{name}="{value}"' for name, value in values.items())
+            + f"><xcr:Rotation>{rotation}</xcr:Rotation><xcr:Position>{place}</xcr:Position></rdf:Description>"
+            "</rdf:RDF></x:xmpmeta>"
+        )
+
+
+WRITERS = {"COLMAP": colmap, "nerfstudio": nerfstudio, "Metashape": metashape, "RealityScan": realityscan}
 
 
 def loaded(folder, work, options=OPTIONS):
@@ -144,7 +164,12 @@ def test_which_cameras_are_taken(tmp_path, monkeypatch):
     with pytest.raises(DataError, match=r"no cameras of another program"):
         loaded(folder, tmp_path / "none", OPTIONS.replaced(cameras="file"))
     (folder / "notes.xml").write_text("<notes/>")
+    (folder / "images/IMG_0.xmp").write_text('<x:xmpmeta xmlns:x="adobe:ns:meta/"/>')  # of who develops raw pictures
     assert find_export(folder) is None
+    realityscan(folder, poses)
+    export = find_export(folder)
+    assert (export.program, len(export.files())) == ("RealityScan", 12)
+    assert "images/IMG_3.xmp" in photo_files(folder, OPTIONS)
     nerfstudio(folder, poses)
     assert find_export(folder).program == "nerfstudio"
     metashape(folder, poses)
@@ -203,6 +228,29 @@ def test_exports_that_do_not_fit_say_so(tmp_path):
     metashape(folder, poses, more='<camera sensor_id="3" label="x"><transform>one two</transform></camera>')
     with pytest.raises(DataError, match=r"cannot be read \(ValueError: could not convert"):
         loaded(folder, tmp_path / "words")
+
+
+def test_sidecars_that_do_not_fit_say_so(tmp_path):
+    poses = scene(tmp_path / "a")
+    for number, (said, what) in enumerate((
+        ({"DistortionModel": "division"}, "the lens is 'division'"),
+        ({"DistortionCoeficients": "0 0 0"}, "xcr:DistortionCoeficients is '0 0 0'"),
+        ({"FocalLength35mm": ""}, "xcr:FocalLength35mm is ''"),
+        ({"AspectRatio": "wide"}, "xcr:AspectRatio is 'wide'"),
+    )):  # fmt: skip
+        realityscan(tmp_path / "a", poses, **said)
+        with pytest.raises(DataError, match=what):
+            loaded(tmp_path / "a", tmp_path / f"w{number}")
+    (tmp_path / "a/images/IMG_0.xmp").write_text("<x http://www.capturingreality.com/ns/xcr/ Rotation Position")
+    with pytest.raises(DataError, match="not valid XML"):
+        loaded(tmp_path / "a", tmp_path / "xml")
+
+
+def test_a_lens_that_does_not_bend_needs_no_coefficients(tmp_path):
+    poses = scene(tmp_path / "a")
+    realityscan(tmp_path / "a", poses, DistortionModel="perspective", DistortionCoeficients="")
+    _, _, motion = loaded(tmp_path / "a", tmp_path / "w")
+    assert motion.lenses[0].lens.straight
 
 
 def test_a_damaged_model_of_colmap_says_so(tmp_path):

@@ -224,8 +224,8 @@ def _record(
     changed = _changed(bound, job)
     touched = [name for name, stamp in _stamps(bound).items() if stamp != before[name]]  # there and back, say
     if changed or touched:
-        what = "code" if changed else "source files"
-        context.warn(f"not remembered: its {what} changed during the run ({', '.join(changed or touched)})")
+        what, names = ("code", dict.fromkeys(changed)) if changed else ("source files", dict.fromkeys(touched))
+        context.warn(f"not remembered: its {what} changed during the run ({in_short(list(names), 4)})")
         return
     store.record(job.preimage, stored, info)
 
