@@ -202,7 +202,7 @@ def _photo_files(p: PhotosParams) -> Mapping[str, Path]:
 def photos(ctx: Context, *, p: PhotosParams) -> PhotosOut:
     """A folder of photographs, or a video: cameras and sparse points by structure from motion (needs pycolmap).
 
-    Or the cameras that COLMAP, nerfstudio or Metashape found, whose files lie in the folder.
+    Or the cameras that COLMAP, nerfstudio, Metashape or RealityScan found, whose files lie in the folder.
     """
     from exmesh_graph.io.photos import load_photos
 

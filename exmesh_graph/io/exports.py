@@ -147,7 +147,7 @@ def _read_colmap(place: Path) -> Found:
     except (ValueError, RuntimeError, OSError) as error:
         raise DataError(f"COLMAP's model cannot be read ({error})", where=str(place)) from error
     names = frozenset(image.name for image in model.images.values())
-    motion = motion_of(Mapped(model, names, "", 0), (), "")
+    motion = motion_of(Mapped(model, names, "", 0, 0), (), "")
     lenses = {name: motion.lenses[number] for name, number in motion.camera.items()}
     return Found(motion.camera_to_world, lenses, motion.points, motion.colours, motion.tracks, motion.error)
 

@@ -32,12 +32,14 @@ _EASIER = {"init_min_num_inliers": 50, "init_min_tri_angle": 4.0, "abs_pose_min_
 
 @dataclass(frozen=True)
 class Mapped:
-    """A model of COLMAP's, the pictures in it that count, how it was found, and how many matches agree with it."""
+    """A model of COLMAP's, the pictures in it that count, how it was found, and how many of their verified matches
+    agree with it, of how many."""
 
     model: Any
     names: frozenset[str]
     how: str
     agreeing: int
+    matches: int
 
 
 def map_cameras(
@@ -55,7 +57,7 @@ def map_cameras(
         tell(f"cameras by {how} mapping")
         for model in _models(colmap, database, pictures, _new(work, how), seed, how).values():
             names = tied(model)
-            mapped = Mapped(model, names, how, agreeing(colmap, database, model, names))
+            mapped = Mapped(model, names, how, *agreeing(colmap, database, model, names))
             if len(names) >= SEEN_BY and (best is None or mapped.agreeing > best.agreeing):
                 best = mapped
         if best is not None and len(best.names) == count and best.agreeing >= _SETTLED * verified:
@@ -81,10 +83,11 @@ def tied(model: Any) -> frozenset[str]:
     return frozenset(groups[0] if groups else ())
 
 
-def agreeing(colmap: Any, database: Path, model: Any, names: Collection[str]) -> int:
-    """Verified matches between the pictures `names` within two pixels of both epipolar lines of the model's cameras."""
+def agreeing(colmap: Any, database: Path, model: Any, names: Collection[str]) -> tuple[int, int]:
+    """(verified matches between the pictures `names` within two pixels of both epipolar lines of the model's cameras,
+    of how many)."""
     placed = {number: image for number, image in model.images.items() if image.has_pose and image.name in names}
-    count = 0
+    count = matched = 0
     opened = colmap.Database.open(database)
     try:
         points = {number: np.asarray(opened.read_keypoints(number), np.float64)[:, :2] for number in placed}
@@ -97,10 +100,10 @@ def agreeing(colmap: Any, database: Path, model: Any, names: Collection[str]) ->
                     for k, n in enumerate((first, second))
                 ]
                 near = np.maximum(_off_line(*sides), _off_line(*sides[::-1])) < _NEAR
-                count += int(near.sum())
+                count, matched = count + int(near.sum()), matched + len(near)
     finally:
         opened.close()
-    return count
+    return count, matched
 
 
 def _held(colmap: Any, database: Path) -> tuple[int, int]:

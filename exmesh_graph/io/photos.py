@@ -158,6 +158,13 @@ def load_photos(
             f"out: {some(motion.left_out)}. To have them in: more pictures between these and their neighbours, at most "
             "15 degrees apart, sharp and bright; or larger ones, and a larger `megapixels`"
         )
+    if motion.doubtful:
+        scene.notes.append(
+            f"only {motion.agreeing:.0%} of the matches between pictures agree with the cameras that were found, which "
+            "are likely wrong: something looks alike in many places (chequered cloth, tiles, equal windows). Take it "
+            "away or cover it, lay printed things of all kinds around the object, and take pictures at most 10 degrees "
+            "apart"
+        )
     cloud = PointCloud(points_to_normalised(points, scene.frame).astype(np.float32), motion.colours.astype(np.float32))
     return scene, cloud, motion
 

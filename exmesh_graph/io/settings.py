@@ -192,8 +192,8 @@ class PhotosOptions(TrainSize, MotionSettings):
     )
     cameras: Literal["auto", "file", "find"] = param(
         "auto",
-        doc="auto: those of COLMAP, nerfstudio or Metashape where their files lie in the folder, else found from the "
-        "pictures; file: these, or an error; find: found from the pictures.",
+        doc="auto: those of COLMAP, nerfstudio, Metashape or RealityScan where their files lie in the folder, else "
+        "found from the pictures; file: these, or an error; find: found from the pictures.",
     )
     adjust: bool = param(
         True,

@@ -8,29 +8,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from exmesh_graph.errors import DataError, GeometryError
-from exmesh_graph.geometry.grounded import Grounded
-from exmesh_graph.geometry.hull import SilhouetteField, reduced_mask, visual_hull
+from exmesh_graph.geometry.hull import reduced_mask
 from exmesh_graph.masks.drawn import drawn_outlines
 from exmesh_graph.masks.edges import on_edges
-from exmesh_graph.masks.explained import explained
-from exmesh_graph.masks.gaps import seen_through
 from exmesh_graph.masks.ground import Table
 from exmesh_graph.masks.grown import maybe_shown
+from exmesh_graph.masks.last import Given, healed, opened, undercut
 from exmesh_graph.masks.outlines import looked_at, masks_of_surface, table_chance
-from exmesh_graph.masks.pinhole import thinned
 from exmesh_graph.masks.settings import AgreementSettings, CutSettings
+from exmesh_graph.masks.shape import common_shape
 from exmesh_graph.types import Views
 
-_OUTVOTED = 0.05
 _OTHER = 0.7
 _SEEN = 0.001
-_ROOM = 0.2
 _TURNS = 12  # after the first, at most
 _GROWS = 0.02  # of a mask in a turn
 _WORSE, _WELL = 0.05, 0.97  # of `edges.on_edges`: leaked, and good enough
-_GAPS, _MANY = 0.01, 0.5  # of a mask, and of the views: fewer gaps are left alone
-_GAPS_OUTVOTED = 0.12  # of the views: a rod that some take for a gap stays
-_BITTEN, _BITES = 0.12, 2  # of the views, which may lack the same piece; turns in which it is looked for
 _PARTS = None, 0.02, 0.05  # of what lies far beside a mask, which may be the object's; None: that is not asked
 
 
@@ -66,8 +59,8 @@ def agreed_masks(
     outvoted, so that views mend each other. Further turns follow while masks grow, and those masks are taken whose
     outlines lie best on edges of the pictures (`edges`), as those that have leaked into what lies around do not. Where
     masks no longer grow and some of their outlines lie on no edge, colours are compared with what lies far beside them
-    as well. Last, what three views of twenty-five lack is put back, and narrow gaps that masks fill are opened, where
-    outlines then lie better. A mask of the first turn that the hull does not cover is contradicted, and so is one that
+    as well. Last, where outlines then lie better, what three views of twenty-five lack is put back and gaps that masks
+    fill are opened (`last`). A mask of the first turn that the hull does not cover is contradicted, and so is one that
     is another than their own hull. `table` as for `masks_of_surface`; without one, gaps are not looked for.
     """
     first = masks_of_surface(views, vertices, faces, cutting, table=table, progress=_turn(progress, 0, len(views)))
@@ -133,65 +126,14 @@ def _mended(
                 break
             if parts.pop(0) is None:  # the other way from the start: what one way has found bends the other
                 masks, near, here = first, vertices, -1.0
-    for _ in range(_BITES):
-        healed = _healed(views, seen, chosen, near, finer, table, told)
-        if healed is None or (clear := clearness(healed)) <= best:
-            break
-        best, chosen = clear, healed
-    opened = None if table is None else _opened(views, seen, chosen, near, finer, table, told)
-    if opened is not None and clearness(opened) > best:
-        chosen = opened
+    given, refused = Given(views, seen, near, finer, table, told), None
+    for step in (healed, healed, undercut, opened):
+        changed = None if step is refused else step(given, chosen)
+        if changed is not None and (clear := clearness(changed)) > best:
+            best, chosen = clear, changed
+        else:
+            refused = step
     return chosen, kept, near
-
-
-def _healed(
-    views: Views,
-    seen: np.ndarray,
-    masks: np.ndarray,
-    near: np.ndarray,
-    finer: CutSettings,
-    table: Table | None,
-    progress: Callable[[int, int], None] | None,
-) -> np.ndarray | None:
-    """The masks bool [N, H, W] cut once more, around a shape from which more views may bite the same piece than before:
-    three of twenty-five. None where that is no more of them, and where their masks have nothing in common."""
-    if _wrong(_BITTEN, int(seen.sum())) == _wrong(_OUTVOTED, int(seen.sum())):
-        return None
-    try:
-        hull = common_shape(views.subset(np.flatnonzero(seen)), masks[seen], near, table, _BITTEN)
-    except (DataError, GeometryError):
-        return None
-    healed = masks_of_surface(views, *hull, finer, table=table, progress=progress)
-    healed[~seen] = False
-    return healed
-
-
-def _opened(
-    views: Views,
-    seen: np.ndarray,
-    masks: np.ndarray,
-    near: np.ndarray,
-    finer: CutSettings,
-    table: Table,
-    progress: Callable[[int, int], None] | None,
-) -> np.ndarray | None:
-    """The masks without the narrow gaps that they fill (`gaps`), bool [N, H, W]; None where few views have some, and
-    where what is left without them has no common shape.
-
-    What several views call a gap is taken out of the hull, which is cut once more, inside the masks.
-    """
-    small, shown, factor = looked_at(views, finer)
-    reduced = np.stack([reduced_mask(mask, factor) >= 0.5 for mask in masks])
-    depth = thinned(table.depths.depth, (small.height, small.width), factor)
-    gaps = seen_through(shown, reduced, explained(small, depth, shown, reduced))
-    some = gaps[seen].sum(axis=(1, 2)) > _GAPS * reduced[seen].sum(axis=(1, 2))
-    if some.mean() < _MANY:
-        return None
-    try:
-        hull = common_shape(small.subset(np.flatnonzero(seen)), (reduced & ~gaps)[seen], near, table, _GAPS_OUTVOTED)
-    except (DataError, GeometryError):
-        return None
-    return masks & masks_of_surface(views, *hull, finer, table=table, progress=progress)
 
 
 def _grown(
@@ -210,28 +152,6 @@ def _grown(
     chance = table_chance(table, small, shown, factor, reduced, near)
     more = maybe_shown(shown[seen], reduced[seen], None if chance is None else chance[seen], part)
     return common_shape(small.subset(np.flatnonzero(seen)), more, near, table)
-
-
-def common_shape(
-    views: Views, masks: np.ndarray, near: np.ndarray, table: Table | None = None, outvoted: float = _OUTVOTED
-) -> tuple[np.ndarray, np.ndarray]:
-    """The visual hull (vertices, faces) of bool [N, H, W], around points `near` [P, 3] and above the `table`; the share
-    `outvoted` of the views may be.
-
-    Raises DataError where the masks have no common part there.
-    """
-    cameras, wrong = (views.intrinsics, views.world_to_camera), _wrong(outvoted, len(views))
-    field = SilhouetteField.from_masks(masks, *cameras, wrong_masks=wrong, names=views.names)
-    if table is not None:
-        field = Grounded.above(field, table.plane.normal, table.plane.offset)
-    low, high = near.min(axis=0).astype(float), near.max(axis=0).astype(float)
-    room = _ROOM * (high - low).max()
-    return visual_hull(field, resolution=0, low=low - room, high=high + room)
-
-
-def _wrong(share: float, views: int) -> int:
-    """How many masks may be, of so many views."""
-    return min(max(1, round(share * views)), views - 1)
 
 
 def covered(shape: np.ndarray, masks: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 Stereo has no depth where a surface is smooth, glossy or thin, and an outline moves to edges nearby alone: the rim of a
 bowl or a handle stays outside. A pixel may belong to the object where its colour is nearer to the mask's colours than
-to those farther out; one view tells that badly, the hull of all views' guesses well (`agreement.common_shape`).
+to those farther out; one view tells that badly, the hull of all views' guesses well (`shape.common_shape`).
 
 Farther out there are two rings. The one just beyond has the background that lies beside the mask. But where half of a
 white pot is missing it is of the pot itself, and its colours tell nothing. Then one far beyond is asked as well.

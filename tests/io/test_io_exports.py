@@ -2,6 +2,7 @@
 and turns with them."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,8 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io import photos
-from exmesh_graph.io.exports import find_export
+from exmesh_graph.io.exports import find_export, read_export
 from exmesh_graph.io.lens import Lens, turn
+from exmesh_graph.io.motion import DOUBTFUL
 from exmesh_graph.io.photos import load_photos, photo_files
 from exmesh_graph.io.settings import PhotosOptions
 from tests.io.io_scenes import CENTRE, RADIUS, blender_from_opencv, encode_rgba, ring
@@ -156,6 +158,16 @@ def test_points_of_colmap_lie_where_they_did(tmp_path):
     seen = ((places, pose[:3, 3]), (cloud.points, view.camera_to_world[number][:3, 3]))
     distance = [np.linalg.norm(points - eye, axis=1) for points, eye in seen]
     np.testing.assert_allclose(distance[0] / apart[0].mean(), distance[1] / apart[1].mean(), rtol=1e-4)
+
+
+@pytest.mark.parametrize("share", [0.2, 0.34, 0.36])
+def test_cameras_that_few_matches_agree_with_are_called_likely_wrong(tmp_path, monkeypatch, share):
+    realityscan(tmp_path / "a", scene(tmp_path / "a"))
+    monkeypatch.setattr(photos, "read_export", lambda *given: replace(read_export(*given), agreeing=share))
+    found, _, motion = loaded(tmp_path / "a", tmp_path / "w")
+    said = [note for note in found.notes if f"only {share:.0%} of the matches" in note and "likely wrong" in note]
+    assert len(said) == (share < DOUBTFUL)
+    assert motion.figures()["agreeing"] == share
 
 
 def test_which_cameras_are_taken(tmp_path, monkeypatch):

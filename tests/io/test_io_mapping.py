@@ -87,23 +87,24 @@ def colmap():
 def test_right_cameras_agree_with_all_matches_and_a_wrong_one_loses_its_own(colmap):
     names = [f"p{n}.png" for n in range(1, 5)]
     right = {n: pose(n) for n in range(1, 5)}
-    assert agreeing(colmap, Path("x"), model(right), names) == 6 * 60
+    assert agreeing(colmap, Path("x"), model(right), names) == (6 * 60, 6 * 60)
     assert colmap.database.closed
-    assert agreeing(colmap, Path("x"), model(right), names[:3]) == 3 * 60
-    tilted = agreeing(colmap, Path("x"), model(right | {4: pose(4, 3.0)}), names)
+    assert agreeing(colmap, Path("x"), model(right), names[:3]) == (3 * 60, 3 * 60)
+    tilted, matched = agreeing(colmap, Path("x"), model(right | {4: pose(4, 3.0)}), names)
+    assert matched == 6 * 60
     assert 3 * 60 <= tilted < 3 * 60 + 90  # the pairs without picture 4, and what comes near by chance
     colmap.database.keypoints[2][:10, 1] += 3.0  # the epipolar lines are level to within a few degrees
-    assert agreeing(colmap, Path("x"), model(right), names) == 6 * 60 - 3 * 10
+    assert agreeing(colmap, Path("x"), model(right), names) == (6 * 60 - 3 * 10, 6 * 60)
     colmap.database.keypoints[2][:10, 1] -= 2.0
-    assert agreeing(colmap, Path("x"), model(right), names) == 6 * 60
+    assert agreeing(colmap, Path("x"), model(right), names) == (6 * 60, 6 * 60)
 
 
 def test_the_scale_of_the_world_does_not_count(colmap):
     names = [f"p{n}.png" for n in range(1, 5)]
     poses = {n: pose(n) * [1, 1, 1, 1e-4] for n in range(1, 5)}
-    assert agreeing(colmap, Path("x"), model(poses), names) == 6 * 60
+    assert agreeing(colmap, Path("x"), model(poses), names) == (6 * 60, 6 * 60)
     same = {n: pose(1) for n in range(1, 5)}  # no baseline at all: nothing to hold against them
-    assert agreeing(colmap, Path("x"), model(same), names) == 6 * 60
+    assert agreeing(colmap, Path("x"), model(same), names) == (6 * 60, 6 * 60)
 
 
 def test_pictures_that_hang_on_pairs_alone_are_not_tied():
@@ -150,8 +151,9 @@ def test_other_ways_are_tried_unless_all_pictures_are_placed_as_nearly_all_match
     """`off` of the 360 matches lie beside their lines: 95 % are 342."""
     names, right = [], model({n: pose(n) for n in range(1, 5)}, [point(1, 2, 3, 4)] * 12)
     monkeypatch.setattr(mapping, "_models", lambda *args: names.append(args[-1]) or {0: right})
-    monkeypatch.setattr(mapping, "agreeing", lambda *_: 360 - off)
-    assert map_cameras(colmap, Path("x"), tmp_path, new_folder(tmp_path), 0).how == "incremental"
+    monkeypatch.setattr(mapping, "agreeing", lambda *_: (360 - off, 360))
+    taken = map_cameras(colmap, Path("x"), tmp_path, new_folder(tmp_path), 0)
+    assert (taken.how, taken.agreeing, taken.matches) == ("incremental", 360 - off, 360)
     assert names == tried
     colmap.database.keypoints[5] = colmap.database.keypoints[4]  # a picture without a camera
     names.clear()

@@ -6,11 +6,13 @@ from mask_scenes import overlap_of, scene
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.masks import agreement
-from exmesh_graph.masks.agreement import agreed_masks, common_shape, covered, overlap
+from exmesh_graph.masks.agreement import agreed_masks, covered, overlap
 from exmesh_graph.masks.drawn import drawn_outlines
 from exmesh_graph.masks.grown import maybe_shown
+from exmesh_graph.masks.last import Given, healed
 from exmesh_graph.masks.outlines import _display, masks_of_surface
 from exmesh_graph.masks.settings import AgreementSettings, CutSettings
+from exmesh_graph.masks.shape import common_shape
 
 CUTTING, CHECKS = CutSettings(band=4), AgreementSettings(least_overlap=0.85)
 
@@ -108,23 +110,23 @@ def test_what_three_views_of_many_bite_off_is_put_back():
         bitten[view, : int(np.quantile(rows, 0.4))] = False
     lacking = drawn_outlines(*common_shape(many.views, bitten, many.ball[0]), many.views)
     assert overlap(lacking, many.masks)[[3, 4, 5]].max() < 0.85
-    healed = agreement._healed(many.views, everywhere, bitten, many.ball[0], band, None, None)
-    assert overlap(healed, many.masks).min() > 0.93
+    mended = healed(Given(many.views, everywhere, many.ball[0], band, None, None), bitten)
+    assert overlap(mended, many.masks).min() > 0.93
     few = everywhere.copy()
     few[12:] = False  # of twelve one may err, as before
-    assert agreement._healed(many.views, few, bitten, many.ball[0], band, None, None) is None
+    assert healed(Given(many.views, few, many.ball[0], band, None, None), bitten) is None
 
 
 @pytest.mark.parametrize("more", [True, False])
 def test_masks_are_healed_where_outlines_then_lie_better(ball, monkeypatch, more):
     asked = []
 
-    def healed(views, seen, masks, *rest):
+    def all_or_none(given, masks):
         asked.append(masks)
         return np.full_like(masks, more)
 
     monkeypatch.setattr(agreement, "on_edges", lambda shown, masks: masks.mean())  # the more is shown the better
-    monkeypatch.setattr(agreement, "_healed", healed)
+    monkeypatch.setattr(agreement, "healed", all_or_none)
     found = agreed_masks(ball.views, *ball.ball, CUTTING, CHECKS)
     assert len(asked) == (2 if more else 1)  # what brings no more is not asked again
     assert found.masks.all() == more

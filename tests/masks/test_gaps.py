@@ -1,15 +1,17 @@
-"""Gaps that masks fill: narrow ones with another colour in each view are opened."""
+"""Gaps that masks fill: narrow ones with another colour in each view are opened, and undercuts."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 from mask_scenes import GROUND, overlap_of
 
-from exmesh_graph.masks import agreement
-from exmesh_graph.masks.gaps import seen_through
+from exmesh_graph.masks.gaps import reaching_out, seen_through
 from exmesh_graph.masks.ground import Table
+from exmesh_graph.masks.last import Given, opened, undercut
 from exmesh_graph.masks.plane import Plane
 from exmesh_graph.masks.settings import CutSettings
 from exmesh_graph.raster import rasterize
@@ -34,7 +36,7 @@ WALLS = np.array([[0.2, 0.3, 0.5], [0.9, 0.9, 0.9], [0.1, 0.4, 0.1]])
 
 def test_a_narrow_gap_that_shows_what_lies_around_is_found():
     shown, mask, gap = pictures(8, WALLS)
-    found = seen_through(shown, mask, mask & ~gap)
+    found = seen_through(shown, mask, mask & ~gap, 7)
     assert (found & gap).sum() > 0.8 * gap.sum()
     assert not (found & ~gap).any()
 
@@ -42,24 +44,24 @@ def test_a_narrow_gap_that_shows_what_lies_around_is_found():
 def test_wide_parts_are_no_gaps():
     """A part of metal mirrors what lies around it."""
     shown, mask, gap = pictures(18, WALLS)
-    assert not seen_through(shown, mask, mask & ~gap).any()
+    assert not seen_through(shown, mask, mask & ~gap, 7).any()
 
 
 def test_what_other_views_confirm_is_no_gap():
     shown, mask, _ = pictures(8, WALLS)
-    assert not seen_through(shown, mask, mask).any()
+    assert not seen_through(shown, mask, mask, 7).any()
 
 
 def test_the_colours_of_the_object_are_no_gap():
     shown, mask, gap = pictures(8, np.full((3, 3), 0.4))
     shown[gap] = [0.7, 0.1, 0.1]
-    assert not seen_through(shown, mask, mask & ~gap).any()
+    assert not seen_through(shown, mask, mask & ~gap, 7).any()
 
 
 def test_nothing_to_compare_with_is_no_gap():
     shown, mask, _ = pictures(8, WALLS)
-    assert not seen_through(shown, mask, np.zeros_like(mask)).any()
-    assert not seen_through(shown, np.zeros_like(mask), np.zeros_like(mask)).any()
+    assert not seen_through(shown, mask, np.zeros_like(mask), 7).any()
+    assert not seen_through(shown, np.zeros_like(mask), np.zeros_like(mask), 7).any()
 
 
 def box(low, high):
@@ -70,20 +72,21 @@ def box(low, high):
     return (np.asarray(low) + corners * (np.asarray(high) - low)).astype(np.float32), np.array(faces, np.int32)
 
 
-@pytest.fixture(scope="module")
-def posts():
-    """Views of two red posts, each before a wall of its own colour; depth and masks that fill the gap between them."""
-    boxes = [box([x, GROUND, -0.06], [x + 0.12, 0.35, 0.06]) for x in (-0.2, 0.08)]
-    true = np.concatenate([b[0] for b in boxes]), np.concatenate([boxes[0][1], boxes[1][1] + 8])
-    filled = box([-0.2, GROUND, -0.06], [0.2, 0.35, 0.06])
+def stood(parts, whole, heights):
+    """16 views of red boxes, each before a wall of its own colour, from so many degrees above, in turns; depth and
+    masks are those of the box `whole` around them: (views, table, true masks, masks, corners of `whole`)."""
+    made = [box(*part) for part in parts]
+    vertices = np.concatenate([b[0] for b in made])
+    true = vertices, np.concatenate([b[1] + 8 * k for k, b in enumerate(made)])
+    filled = box(*whole)
     count = 16
-    turn, height = 2 * np.pi * np.arange(count) / count, np.radians(20 + 15 * (np.arange(count) % 2))
+    turn, height = 2 * np.pi * np.arange(count) / count, np.radians(np.resize(heights, count))
     eyes = 2.6 * np.stack([np.cos(height) * np.sin(turn), np.sin(height), np.cos(height) * np.cos(turn)], 1)
     poses = np.stack([look_at(eye) for eye in eyes])
     k = np.repeat(np.array([[[2.0 * SIZE, 0, SIZE / 2], [0, 2.0 * SIZE, SIZE / 2], [0, 0, 1]]]), count, 0)
     cameras = torch.from_numpy(k), torch.from_numpy(np.linalg.inv(poses))
     one, other = (rasterize(*map(torch.from_numpy, mesh), *cameras, SIZE, SIZE) for mesh in (true, filled))
-    masks, whole = (seen.face_id.numpy() >= 0 for seen in (one, other))
+    masks, filling = (seen.face_id.numpy() >= 0 for seen in (one, other))
     rng = np.random.default_rng(1)
     walls = rng.uniform(0.1, 0.9, (count, 1, 1, 3)) * [0.3, 1, 1]
     images = np.where(masks[..., None], [0.5, 0.02, 0.02], walls) + rng.normal(0, 0.01, (*masks.shape, 3))
@@ -91,18 +94,57 @@ def posts():
     views = Views(names, images.clip(0, 1).astype(np.float32), np.ones(masks.shape, np.float32), k, poses, "train",
                   has_masks=False)  # fmt: skip
     table = Table(Plane(np.array([0.0, 1.0, 0.0]), GROUND, 0.0), DepthMaps(names, other.depth.numpy()))
-    return views, table, masks, whole, filled[0]
+    given = Given(views, np.ones(count, bool), filled[0], CutSettings(band=2), table, None)
+    return given, masks, filling
+
+
+@pytest.fixture(scope="module")
+def posts():
+    """Two posts, seen from 20 and 35 degrees above, and masks that fill the gap between them."""
+    parts = [([x, GROUND, -0.06], [x + 0.12, 0.35, 0.06]) for x in (-0.2, 0.08)]
+    return stood(parts, ([-0.2, GROUND, -0.06], [0.2, 0.35, 0.06]), (20, 35))
+
+
+@pytest.fixture(scope="module")
+def brim():
+    """A post with a wide top, below which four views of sixteen look."""
+    parts = ([-0.08, GROUND, -0.08], [0.08, 0.2, 0.08]), ([-0.22, 0.2, -0.22], [0.22, 0.3, 0.22])
+    return stood(parts, ([-0.22, GROUND, -0.22], [0.22, 0.3, 0.22]), [4] * 4 + [84] * 12)
 
 
 def test_masks_that_fill_a_gap_are_opened(posts):
-    views, table, true, whole, corners = posts
-    opened = agreement._opened(views, np.ones(16, bool), whole, corners, CutSettings(band=2), table, None)
-    assert opened is not None
-    assert not (opened & ~whole).any()
-    assert overlap_of(opened, true) > overlap_of(whole, true) + 0.05
-    assert (true & ~opened).sum() < 0.05 * true.sum()
+    given, true, whole = posts
+    found = opened(given, whole)
+    assert found is not None
+    assert not (found & ~whole).any()
+    assert overlap_of(found, true) > overlap_of(whole, true) + 0.05
+    assert (true & ~found).sum() < 0.05 * true.sum()
 
 
 def test_masks_without_gaps_stay(posts):
-    views, table, true, _, corners = posts
-    assert agreement._opened(views, np.ones(16, bool), true, corners, CutSettings(band=2), table, None) is None
+    given, true, _ = posts
+    assert opened(given, true) is None
+    kept = undercut(given, true)
+    assert overlap_of(kept, true) > 0.97
+    alone = replace(given, table=None)
+    assert opened(alone, true) is None
+    assert undercut(alone, true) is None
+
+
+def test_what_few_views_look_through_below_a_brim_is_opened(brim):
+    given, true, whole = brim
+    assert opened(given, whole) is None  # too few of them
+    found = undercut(given, whole)
+    low = slice(0, 4)
+    assert not (found & ~whole).any()
+    assert (whole & ~true)[low].sum() > 0.2 * true[low].sum()
+    assert (found & ~true)[low].sum() < 0.6 * (whole & ~true)[low].sum()
+    assert (true & ~found).sum() < 0.03 * true.sum()
+
+
+def test_gaps_reach_out_where_a_rim_alone_lies_between():
+    mask, gaps = np.zeros((2, 1, 30, 30), bool)
+    mask[:, 5:25, 5:25] = True
+    gaps[:, 10:14, 7:12] = gaps[:, 10:14, 14:18] = True  # two pixels of the mask beside the one
+    assert (reaching_out(gaps, mask) == (gaps & (np.arange(30) < 13))).all()
+    assert not reaching_out(np.roll(gaps, 3, axis=2), mask).any()
