@@ -257,7 +257,7 @@ class _Data(Family):
         train_side: Longer side of the training pictures at most: all are reduced by one whole factor, test pictures are not. 0: as they are. [px, >= 0]
         train_megapixels: Of all training pictures together at most, by such a factor; 0: no limit. [Mpx, >= 0]
         keep: Find cameras by the whole picture, or (turntable) by what the masks show only.
-        cameras: auto: those of COLMAP, nerfstudio or Metashape where their files lie in the folder, else found from the pictures; file: these, or an error; find: found from the pictures.
+        cameras: auto: those of COLMAP, nerfstudio, Metashape or RealityScan where their files lie in the folder, else found from the pictures; file: these, or an error; find: found from the pictures.
         adjust: Adjust the cameras found until the photographs agree pixel by pixel; not with masks, nor on turntables.
         vignetting: Take out by how much the lens darkens pictures towards their corners, where they show it beyond doubt; not on turntables.
         masks: Use masks where they are there.

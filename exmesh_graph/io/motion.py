@@ -32,9 +32,9 @@ from exmesh_graph.resources import usable_cores
 
 #: Sightings of points a picture, below which pictures are matched again, and the growth that makes the new ones count.
 FEW, GROWTH = 150, 1.3
-#: Of verified matches the share that agrees with wrong cameras: 0.24 where 20 were (a chequered cloth); right ones have
-#: had XX at least.
-DOUBTFUL = 0.35
+#: Of the verified matches between placed pictures, the share below which cameras are likely wrong: 0.29 where eleven of
+#: twenty were (on a chequered cloth), 0.39 where they were off by a few pixels, 0.55 to 0.87 with right ones.
+DOUBTFUL = 0.33
 #: Pictures up to which all pairs are matched.
 MANY = 80
 _TURN_LESS = (

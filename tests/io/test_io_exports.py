@@ -160,7 +160,7 @@ def test_points_of_colmap_lie_where_they_did(tmp_path):
     np.testing.assert_allclose(distance[0] / apart[0].mean(), distance[1] / apart[1].mean(), rtol=1e-4)
 
 
-@pytest.mark.parametrize("share", [0.2, 0.34, 0.36])
+@pytest.mark.parametrize("share", [0.2, 0.32, 0.34])
 def test_cameras_that_few_matches_agree_with_are_called_likely_wrong(tmp_path, monkeypatch, share):
     realityscan(tmp_path / "a", scene(tmp_path / "a"))
     monkeypatch.setattr(photos, "read_export", lambda *given: replace(read_export(*given), agreeing=share))
