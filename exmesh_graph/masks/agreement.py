@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from exmesh_graph.errors import DataError, GeometryError
-from exmesh_graph.geometry.hull import reduced_mask
 from exmesh_graph.masks.drawn import drawn_outlines
 from exmesh_graph.masks.edges import on_edges
 from exmesh_graph.masks.ground import Table
 from exmesh_graph.masks.grown import maybe_shown
 from exmesh_graph.masks.last import Given, healed, opened, undercut
-from exmesh_graph.masks.outlines import looked_at, masks_of_surface, table_chance
+from exmesh_graph.masks.outlines import Small, refined, small_masks
 from exmesh_graph.masks.settings import AgreementSettings, CutSettings
 from exmesh_graph.masks.shape import common_shape
 from exmesh_graph.types import Views
@@ -61,61 +60,71 @@ def agreed_masks(
     masks no longer grow and some of their outlines lie on no edge, colours are compared with what lies far beside them
     as well. Last, where outlines then lie better, what three views of twenty-five lack is put back and gaps that masks
     fill are opened (`last`). A mask of the first turn that the hull does not cover is contradicted, and so is one that
-    is another than their own hull. `table` as for `masks_of_surface`; without one, gaps are not looked for.
+    is another than their own hull. All of that is done in reduced views; the masks are `refined` at the end. `table` as
+    for `masks_of_surface`; without one, gaps are not looked for.
     """
-    first = masks_of_surface(views, vertices, faces, cutting, table=table, progress=_turn(progress, 0, len(views)))
+    small = Small.of(views, cutting, table)
+    masks, figures, fault = _judged(small, vertices, faces, cutting, settings, progress)
+    return Agreement(refined(views, masks, small.factor, cutting), figures, fault)
+
+
+def _judged(
+    small: Small,
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    cutting: CutSettings,
+    settings: AgreementSettings,
+    progress: Callable[[int, int], None] | None,
+) -> tuple[np.ndarray, dict[str, float], str]:
+    """(masks bool [N, h, w] of the reduced views, figures, fault) as `agreed_masks` gives them."""
+    first = small_masks(small, vertices, faces, cutting, _turn(progress, 0, len(small.views)))
     seen = first.mean(axis=(1, 2)) >= _SEEN
     figures = {"seen": float(seen.mean()), "overlap": 0.0, "contradicted": 0.0}
     if seen.mean() < settings.least_seen or seen.sum() < 2:
-        return Agreement(first, figures, f"{seen.mean():.0%} of the views show it (least_seen {settings.least_seen:g})")
+        return first, figures, f"{seen.mean():.0%} of the views show it (least_seen {settings.least_seen:g})"
     try:
-        masks, kept, near = _mended(views, vertices, first, seen, cutting, table, progress)
-        shape = common_shape(views.subset(np.flatnonzero(seen)), masks[seen], near, table)
+        masks, kept, near = _mended(small, vertices, first, seen, cutting, progress)
+        shape = common_shape(small.views.subset(np.flatnonzero(seen)), masks[seen], near, small.table)
     except (DataError, GeometryError) as error:
-        return Agreement(first, figures, f"its masks have no common shape ({str(error).splitlines()[0]})")
-    overlaps = np.minimum(kept, overlap(drawn_outlines(*shape, views)[seen], masks[seen]))
+        return first, figures, f"its masks have no common shape ({str(error).splitlines()[0]})"
+    overlaps = np.minimum(kept, overlap(drawn_outlines(*shape, small.views)[seen], masks[seen]))
     figures["overlap"], figures["contradicted"] = float(np.median(overlaps)), float((overlaps < _OTHER).mean())
+    fault = ""
     if figures["overlap"] < settings.least_overlap:
         fault = f"its masks and their common shape overlap by {figures['overlap']:.0%} (least_overlap"
-        return Agreement(masks, figures, f"{fault} {settings.least_overlap:g})")
-    if figures["contradicted"] > settings.most_contradicted:
+        fault = f"{fault} {settings.least_overlap:g})"
+    elif figures["contradicted"] > settings.most_contradicted:
         fault = f"{figures['contradicted']:.0%} of the masks are another than their common shape (most_contradicted"
-        return Agreement(masks, figures, f"{fault} {settings.most_contradicted:g})")
-    return Agreement(masks, figures, "")
+        fault = f"{fault} {settings.most_contradicted:g})"
+    return masks, figures, fault
 
 
 def _mended(
-    views: Views,
+    small: Small,
     vertices: np.ndarray,
     first: np.ndarray,
     seen: np.ndarray,
     cutting: CutSettings,
-    table: Table | None,
     progress: Callable[[int, int], None] | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(the masks of the turn whose outlines lie best on edges; of each mask of the `first` turn that is `seen`, how
     much the hull of that turn covers; points around the last hull)."""
     finer = cutting.replaced(band=max(1.0, cutting.band / 2))
-    shown, factor = looked_at(views, cutting)[1:]
-
-    def clearness(found: np.ndarray) -> float:
-        return on_edges(shown, np.stack([reduced_mask(mask, factor) >= 0.5 for mask in found]))
-
     masks, kept, near = first, np.ones(int(seen.sum())), vertices
     best, here, chosen, parts, told = -1.0, -1.0, first, list(_PARTS), None
     for turn in range(1, 1 + _TURNS):
         try:
-            hull = _grown(views, seen, masks, near, cutting, table, parts[0])
+            hull = _grown(small, seen, masks, near, parts[0])
         except (DataError, GeometryError):
             if best < 0:
                 raise
             break  # what earlier turns found stands
         near = np.concatenate([vertices, hull[0]])
-        covers = covered(drawn_outlines(*hull, views)[seen], first[seen])
-        last, told = masks, _turn(progress, turn, len(views))
-        masks = masks_of_surface(views, *hull, finer, table=table, progress=told)
+        covers = covered(drawn_outlines(*hull, small.views)[seen], first[seen])
+        last, told = masks, _turn(progress, turn, len(small.views))
+        masks = small_masks(small, *hull, finer, told)
         masks[~seen] = False
-        clear = clearness(masks)
+        clear = on_edges(small.shown, masks)
         if clear > best:
             best, chosen, kept = clear, masks, covers
         here = max(here, clear)
@@ -126,10 +135,10 @@ def _mended(
                 break
             if parts.pop(0) is None:  # the other way from the start: what one way has found bends the other
                 masks, near, here = first, vertices, -1.0
-    given, refused = Given(views, seen, near, finer, table, told), None
+    given, refused = Given(small, seen, near, finer, told), None
     for step in (healed, healed, undercut, opened):
         changed = None if step is refused else step(given, chosen)
-        if changed is not None and (clear := clearness(changed)) > best:
+        if changed is not None and (clear := on_edges(small.shown, changed)) > best:
             best, chosen = clear, changed
         else:
             refused = step
@@ -137,21 +146,13 @@ def _mended(
 
 
 def _grown(
-    views: Views,
-    seen: np.ndarray,
-    masks: np.ndarray,
-    near: np.ndarray,
-    settings: CutSettings,
-    table: Table | None,
-    part: float | None,
+    small: Small, seen: np.ndarray, masks: np.ndarray, near: np.ndarray, part: float | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """The hull (vertices, faces), around points `near` [P, 3], of what the views `seen` bool [N] may show, masks bool
-    [N, H, W] and beside them, `part` as for `maybe_shown`."""
-    small, shown, factor = looked_at(views, settings)
-    reduced = np.stack([reduced_mask(mask, factor) >= 0.5 for mask in masks])
-    chance = table_chance(table, small, shown, factor, reduced, near)
-    more = maybe_shown(shown[seen], reduced[seen], None if chance is None else chance[seen], part)
-    return common_shape(small.subset(np.flatnonzero(seen)), more, near, table)
+    [N, h, w] and beside them, `part` as for `maybe_shown`."""
+    chance = small.table_chance(masks, near)
+    more = maybe_shown(small.shown[seen], masks[seen], None if chance is None else chance[seen], part)
+    return common_shape(small.views.subset(np.flatnonzero(seen)), more, near, small.table)
 
 
 def covered(shape: np.ndarray, masks: np.ndarray) -> np.ndarray:

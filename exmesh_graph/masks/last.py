@@ -14,15 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from exmesh_graph.errors import DataError, GeometryError
-from exmesh_graph.geometry.hull import reduced_mask
 from exmesh_graph.masks.explained import explained
 from exmesh_graph.masks.gaps import reaching_out, seen_through
-from exmesh_graph.masks.ground import Table
-from exmesh_graph.masks.outlines import looked_at, masks_of_surface
-from exmesh_graph.masks.pinhole import thinned
+from exmesh_graph.masks.outlines import Small, small_masks
 from exmesh_graph.masks.settings import CutSettings
 from exmesh_graph.masks.shape import OUTVOTED, common_shape, wrong_views
-from exmesh_graph.types import Views
 
 _BITTEN = 0.12  # of the views, which may lack the same piece
 _FEW, _MANY = 0.01, 0.5  # of a mask, and of the views: fewer gaps are left alone
@@ -33,31 +29,33 @@ _NARROW, _UNDERCUT = 7.0, 14.0
 
 @dataclass(frozen=True)
 class Given:
-    """What masks bool [N, H, W] are mended by: their views, which of them show the object (`seen`, bool [N]), points
-    around it (`near` [P, 3]), how they are cut, the table, and who is told of progress."""
+    """What masks bool [N, h, w] are mended by: their reduced views, which of them show the object (`seen`, bool [N]),
+    points around it (`near` [P, 3]), how they are cut, and who is told of progress."""
 
-    views: Views
+    small: Small
     seen: np.ndarray
     near: np.ndarray
     cutting: CutSettings
-    table: Table | None
-    progress: Callable[[int, int], None] | None
+    progress: Callable[[int, int], None] | None = None
 
     def cut(self, masks: np.ndarray, outvoted: float) -> np.ndarray | None:
-        """The common shape of masks [N, h, w], perhaps of reduced views, cut once more; None where there is none."""
-        small = self.views if masks.shape[1:] == (self.views.height, self.views.width) else self.looked_at()[0]
+        """The common shape of masks cut once more; None where there is none."""
         try:
-            seen = small.subset(np.flatnonzero(self.seen))
-            hull = common_shape(seen, masks[self.seen], self.near, self.table, outvoted)
+            seen = self.small.views.subset(np.flatnonzero(self.seen))
+            hull = common_shape(seen, masks[self.seen], self.near, self.small.table, outvoted)
         except (DataError, GeometryError):
             return None
-        cut = masks_of_surface(self.views, *hull, self.cutting, table=self.table, progress=self.progress)
+        cut = small_masks(self.small, *hull, self.cutting, self.progress)
         cut[~self.seen] = False
         return cut
 
-    def looked_at(self) -> tuple[Views, np.ndarray, int]:
-        """`outlines.looked_at`."""
-        return looked_at(self.views, self.cutting)
+    def gaps(self, masks: np.ndarray, widest: float) -> np.ndarray:
+        """`gaps.seen_through`; none without a table, whose depth maps tell."""
+        small = self.small
+        if small.table is None:
+            return np.zeros_like(masks)
+        own = explained(small.views, small.table.depths.depth, small.shown, masks)
+        return seen_through(small.shown, masks, own, widest)
 
 
 def healed(given: Given, masks: np.ndarray) -> np.ndarray | None:
@@ -69,26 +67,14 @@ def healed(given: Given, masks: np.ndarray) -> np.ndarray | None:
 
 def undercut(given: Given, masks: np.ndarray) -> np.ndarray | None:
     """The masks without the gaps that reach in from outside. Few views look there, so that two of them are believed."""
-    if given.table is None:
-        return None
-    gaps, reduced = _gaps(given, given.table, masks, _UNDERCUT)
-    cut = given.cut(reduced & ~reaching_out(gaps, reduced), OUTVOTED)
+    gaps = reaching_out(given.gaps(masks, _UNDERCUT), masks)
+    cut = given.cut(masks & ~gaps, OUTVOTED) if gaps.any() else None
     return None if cut is None else masks & cut
 
 
 def opened(given: Given, masks: np.ndarray) -> np.ndarray | None:
     """The masks without narrow gaps that several views see. None where few have some."""
-    if given.table is None:
-        return None
-    gaps, reduced = _gaps(given, given.table, masks, _NARROW)
-    some = (gaps.sum(axis=(1, 2)) > _FEW * reduced.sum(axis=(1, 2)))[given.seen]
-    cut = None if some.mean() < _MANY else given.cut(reduced & ~gaps, _GAPS_OUTVOTED)
+    gaps = given.gaps(masks, _NARROW)
+    some = (gaps.sum(axis=(1, 2)) > _FEW * masks.sum(axis=(1, 2)))[given.seen]
+    cut = None if some.mean() < _MANY else given.cut(masks & ~gaps, _GAPS_OUTVOTED)
     return None if cut is None else masks & cut
-
-
-def _gaps(given: Given, table: Table, masks: np.ndarray, widest: float) -> tuple[np.ndarray, np.ndarray]:
-    """(gaps, masks) bool [N, h, w] of the reduced views."""
-    small, shown, factor = given.looked_at()
-    reduced = np.stack([reduced_mask(mask, factor) >= 0.5 for mask in masks])
-    depth = thinned(table.depths.depth, (small.height, small.width), factor)
-    return seen_through(shown, reduced, explained(small, depth, shown, reduced), widest), reduced

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt, zoom
@@ -19,6 +20,34 @@ from exmesh_graph.masks.settings import CutSettings
 from exmesh_graph.types import Views
 
 _SMALL = 256
+
+
+@dataclass(frozen=True)
+class Small:
+    """What outlines are first moved in: views of about `CutSettings.side` pixels, their display colours `shown` float32
+    [N, h, w, 3], the `factor` between, and the table with depth maps of that size."""
+
+    views: Views
+    shown: np.ndarray
+    factor: int
+    table: Table | None
+
+    @classmethod
+    def of(cls, views: Views, settings: CutSettings, table: Table | None = None) -> Small:
+        """Of whole views, and of the table that the object in them stands on."""
+        factor = max(1, math.ceil(max(views.width, views.height) / settings.side))
+        small = reduced(views, factor)
+        shown = np.stack([_display(picture) for picture in small.images])
+        if table is not None:
+            depth = thinned(table.depths.depth, (small.height, small.width), factor)
+            table = Table(table.plane, replace(table.depths, depth=depth))
+        return cls(small, shown, factor, table)
+
+    def table_chance(self, outlines: np.ndarray, vertices: np.ndarray) -> np.ndarray | None:
+        """`ground.table_shown`; None without a table."""
+        if self.table is None:
+            return None
+        return table_shown(self.table.plane, self.views, self.shown, self.table.depths.depth, outlines, vertices)
 
 
 def masks_of_surface(
@@ -38,22 +67,48 @@ def masks_of_surface(
     reduced pixel once more. A view in which the mesh is not seen has no pixel.
     """
     settings = settings or CutSettings()
-    small, shown, factor = looked_at(views, settings)
-    outlines = drawn_outlines(vertices, faces, small)
+    small = Small.of(views, settings, table)
+    masks = small_masks(small, vertices, faces, settings, progress)
+    return refined(views, masks, small.factor, settings)
+
+
+def small_masks(
+    small: Small,
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    settings: CutSettings,
+    progress: Callable[[int, int], None] | None = None,
+) -> np.ndarray:
+    """bool [N, h, w]: the masks of `masks_of_surface` in the reduced views."""
+    outlines = drawn_outlines(vertices, faces, small.views)
     # an object of few pixels has fine parts: there the band is a part of the picture
-    band = settings.band * float(np.clip(max(small.height, small.width) / _SMALL, 0.5, 1))
-    likely = table_chance(table, small, shown, factor, outlines, vertices)
-    full = views.height, views.width
+    band = settings.band * float(np.clip(max(small.views.height, small.views.width) / _SMALL, 0.5, 1))
+    likely = small.table_chance(outlines, vertices)
 
     def one(view: int) -> np.ndarray:
         by_table = None if likely is None else likely[view]
-        found = moved_to_edges(shown[view], outlines[view], band, settings.smoothness, by_table)
-        if factor > 1:
-            large = _enlarged(found, factor, full)
-            found = moved_to_edges(_display(views.images[view]), large, 1.5 * factor, settings.smoothness)
-        return found
+        return moved_to_edges(small.shown[view], outlines[view], band, settings.smoothness, by_table)
 
-    return np.stack(share(one, _counted(len(views), progress)))
+    return np.stack(share(one, _counted(len(outlines), progress)))
+
+
+def refined(
+    views: Views,
+    masks: np.ndarray,
+    factor: int,
+    settings: CutSettings,
+    progress: Callable[[int, int], None] | None = None,
+) -> np.ndarray:
+    """bool [N, H, W] of bool [N, h, w], `factor` times as large and moved once more to edges of the whole pictures."""
+    if factor == 1:
+        return masks
+    full = views.height, views.width
+
+    def one(view: int) -> np.ndarray:
+        large = _enlarged(masks[view], factor, full)
+        return moved_to_edges(_display(views.images[view]), large, 1.5 * factor, settings.smoothness)
+
+    return np.stack(share(one, _counted(len(masks), progress)))
 
 
 def _counted(views: int, progress: Callable[[int, int], None] | None) -> Iterator[int]:
@@ -61,23 +116,6 @@ def _counted(views: int, progress: Callable[[int, int], None] | None) -> Iterato
         if progress is not None:
             progress(view + 1, views)
         yield view
-
-
-def looked_at(views: Views, settings: CutSettings) -> tuple[Views, np.ndarray, int]:
-    """(the views at about `settings.side` pixels, their display colours [N, h, w, 3], the factor between)."""
-    factor = max(1, math.ceil(max(views.width, views.height) / settings.side))
-    small = reduced(views, factor)
-    return small, np.stack([_display(picture) for picture in small.images]), factor
-
-
-def table_chance(
-    table: Table | None, small: Views, shown: np.ndarray, factor: int, outlines: np.ndarray, vertices: np.ndarray
-) -> np.ndarray | None:
-    """`ground.table_shown` of reduced views; None without a table."""
-    if table is None:
-        return None
-    depth = thinned(table.depths.depth, (small.height, small.width), factor)
-    return table_shown(table.plane, small, shown, depth, outlines, vertices)
 
 
 def _display(picture: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ from exmesh_graph.masks.agreement import agreed_masks, covered, overlap
 from exmesh_graph.masks.drawn import drawn_outlines
 from exmesh_graph.masks.grown import maybe_shown
 from exmesh_graph.masks.last import Given, healed
-from exmesh_graph.masks.outlines import _display, masks_of_surface
+from exmesh_graph.masks.outlines import Small, _display, masks_of_surface, refined
 from exmesh_graph.masks.settings import AgreementSettings, CutSettings
 from exmesh_graph.masks.shape import common_shape
 
@@ -24,7 +24,7 @@ def ball():
 
 def outcome(ball, masks, monkeypatch, settings=CHECKS):
     """What is said of `masks`, in place of those that the first turn cuts."""
-    monkeypatch.setattr(agreement, "masks_of_surface", lambda *_, **__: masks.copy())
+    monkeypatch.setattr(agreement, "small_masks", lambda *_, **__: masks.copy())
     return agreed_masks(ball.views, *ball.ball, CUTTING, settings)
 
 
@@ -37,6 +37,15 @@ def test_masks_of_one_ball_agree_and_come_out_at_its_edges(ball):
     assert (found.figures["seen"], found.figures["contradicted"]) == (1.0, 0.0)
     assert min(overlap_of(a, b) for a, b in zip(found.masks, ball.masks, strict=True)) > 0.93
     assert steps == [(k, 24) for k in range(1, 17)]  # a third turn is for masks that grow
+
+
+def test_masks_of_large_pictures_are_found_in_small_ones_and_refined_once(monkeypatch):
+    large, cut = scene(size=96), []
+    monkeypatch.setattr(agreement, "refined", lambda *given: cut.append(given[1].shape) or refined(*given))
+    found = agreed_masks(large.views, *large.ball, CUTTING.replaced(side=48), CHECKS)
+    assert (cut, found.fault) == ([(8, 48, 48)], "")
+    assert found.masks.shape == (8, 96, 96)
+    assert min(overlap_of(a, b) for a, b in zip(found.masks, large.masks, strict=True)) > 0.95
 
 
 def test_a_turn_that_fails_leaves_what_earlier_ones_found(ball, monkeypatch):
@@ -84,7 +93,7 @@ def test_masks_that_many_others_contradict_are_a_fault(ball, monkeypatch):
 
 
 def test_one_view_is_outvoted_and_mended(ball, monkeypatch):
-    real, given = agreement.masks_of_surface, []
+    real, given = agreement.small_masks, []
 
     def first_is_wrong(*arguments, **named):
         masks = real(*arguments, **named)
@@ -94,7 +103,7 @@ def test_one_view_is_outvoted_and_mended(ball, monkeypatch):
         given.append(masks)
         return masks
 
-    monkeypatch.setattr(agreement, "masks_of_surface", first_is_wrong)
+    monkeypatch.setattr(agreement, "small_masks", first_is_wrong)
     found = agreed_masks(ball.views, *ball.ball, CUTTING, CHECKS)
     assert found.fault == ""
     assert found.figures["contradicted"] == pytest.approx(1 / 8)
@@ -110,11 +119,11 @@ def test_what_three_views_of_many_bite_off_is_put_back():
         bitten[view, : int(np.quantile(rows, 0.4))] = False
     lacking = drawn_outlines(*common_shape(many.views, bitten, many.ball[0]), many.views)
     assert overlap(lacking, many.masks)[[3, 4, 5]].max() < 0.85
-    mended = healed(Given(many.views, everywhere, many.ball[0], band, None, None), bitten)
+    mended = healed(Given(Small.of(many.views, band), everywhere, many.ball[0], band), bitten)
     assert overlap(mended, many.masks).min() > 0.93
     few = everywhere.copy()
     few[12:] = False  # of twelve one may err, as before
-    assert healed(Given(many.views, few, many.ball[0], band, None, None), bitten) is None
+    assert healed(Given(Small.of(many.views, band), few, many.ball[0], band), bitten) is None
 
 
 @pytest.mark.parametrize("more", [True, False])
