@@ -194,7 +194,7 @@ def _photo_files(p: PhotosParams) -> Mapping[str, Path]:
 
 @node(
     "data.photos",
-    version="4",
+    version="5",
     libraries=("OpenImageIO", "scipy", "scikit-image", "pycolmap", "networkx", "pillow", "torch", "warp-lang"),
     sources=_photo_files,
     resources=ALL_CORES,
@@ -227,15 +227,16 @@ def _compared(
     """The scene after what its photographs say when they are compared pixel by pixel."""
     import numpy as np
 
-    from exmesh_graph.priors.together import together, with_cameras
+    from exmesh_graph.priors.together import together, with_cameras, zoomed_by
 
     if not (adjust or p.vignetting):
         return scene
     views, stereo = together(scene.train, scene.test), None
     if adjust:
         adjusted = _adjusted(ctx, views, points, figures, p)
-        views, stereo = replace(views, camera_to_world=adjusted.camera_to_world), adjusted.stereo
-        train, test = with_cameras(scene.train, scene.test, views.camera_to_world)
+        longer = zoomed_by(views.intrinsics, adjusted.zoom)
+        views, stereo = replace(views, camera_to_world=adjusted.camera_to_world, intrinsics=longer), adjusted.stereo
+        train, test = with_cameras(scene.train, scene.test, views.camera_to_world, adjusted.zoom)
         scene = replace(scene, train=train, test=test)
         if adjusted.astray.any():
             kept = np.flatnonzero(~adjusted.astray)
@@ -253,12 +254,14 @@ def _adjusted(ctx: Context, views: Views, points: PointCloud, figures: dict[str,
     adjusted = adjust_cameras(views, points, seed=ctx.seed, threads=p.threads, tell=ctx.log)
     moved, (before, after) = adjusted.moved, adjusted.correlation
     figures["adjusted_px"], figures["adjusted_most_px"] = float(np.median(moved)), float(moved.max())
+    figures["focal"] *= adjusted.zoom
     if not moved.any():
         ctx.log("cameras stay as they were found: the photographs agree no better under adjusted ones")
     else:
         ctx.log(
             f"cameras adjusted: pictures move by {np.median(moved):.1f} pixels (median; at most {moved.max():.1f}), "
-            f"and their patches agree to {after:.3f} in place of {before:.3f}"
+            f"focal lengths are {adjusted.zoom:.3f} times as long, and patches agree to {after:.3f} in place of "
+            f"{before:.3f}"
         )
     return adjusted
 

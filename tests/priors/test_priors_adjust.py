@@ -20,9 +20,10 @@ from exmesh_graph.priors.adjust.cameras import Adjusted, adjust_cameras
 from exmesh_graph.priors.adjust.patches import MOST, Patches, patches_of
 from exmesh_graph.priors.adjust.system import level_of, share_of
 from exmesh_graph.priors.patch_match.estimate import Stereo
-from exmesh_graph.priors.together import together, with_cameras
+from exmesh_graph.priors.together import together, with_cameras, zoomed_by
 from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import DepthMaps, Frame, PointCloud, Views
+from tests.io.io_scenes import look_at
 from tests.io.test_io_photos import COUNT, painted, picture, poses
 from tests.priors.prior_scenes import wall
 
@@ -81,11 +82,12 @@ def twisted(poses, twists):
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_equations_are_those_of_all_residuals_with_the_depths_eliminated(seed):
-    """Derivatives by central differences of the reference, in one dense matrix of all twists and all depths."""
+    """Derivatives by central differences of the reference, in one dense matrix of all twists, of the growth of
+    focal lengths and of all depths."""
     level, patches, poses, gray = bent(seed=seed)
     level = replace(level, values=torch.from_numpy(np.stack([gray, *np.gradient(gray, axis=(2, 1))], axis=-1)))
     logs = np.random.default_rng(seed).normal(0, 0.01, len(patches))
-    size, count = 6 * len(poses), len(patches)
+    size, count = 6 * len(poses) + 1, len(patches)
     curvature, slope, dense, dense_slope = (
         np.zeros(s) for s in ((size, size), size, (size + count,) * 2, size + count)
     )
@@ -93,8 +95,9 @@ def test_the_equations_are_those_of_all_residuals_with_the_depths_eliminated(see
     share.add(curvature, slope)
 
     def residual(source, change):
-        return reference(gray, level.intrinsics, 0, source, patches, logs + change[size:],
-                         twisted(poses, change[:size].reshape(-1, 6)))  # fmt: skip
+        growth = change[size - 1]
+        return reference(gray, level.zoomed(growth).intrinsics, 0, source, patches.zoomed(growth),
+                         logs + change[size:], twisted(poses, change[: size - 1].reshape(-1, 6)))  # fmt: skip
 
     for source in (1, 2):
         r, correlation = residual(source, np.zeros(size + count))
@@ -133,19 +136,19 @@ def test_what_cannot_be_compared_says_nothing(case):
     assert share.compared == 0
     assert not share.curvature.any()
     assert not share.slope.any()
-    assert np.isfinite(share.depths(np.ones(18))).all()
+    assert np.isfinite(share.depths(np.ones(19))).all()
 
 
-def ball(size=160):
-    """Nine views of a painted ball of radius 0.6, nine degrees apart, before a painted wall far behind."""
-    true = poses()
+def ball(size=160, true=None):
+    """Nine views of a painted ball of radius 0.6, nine degrees apart, or `true` ones, before a painted wall far away."""
+    true = poses() if true is None else true.copy()
     pictures = [picture(pose, painted(), size, size, 1.6 * size)[0] for pose in true]
     true[:, :3, 3] *= 0.6
     matrix = np.array([[1.6 * size, 0, size / 2], [0, 1.6 * size, size / 2], [0, 0, 1]])
     images = np.repeat((np.stack(pictures) ** 2.2)[..., None], 3, axis=-1).astype(np.float32)
     return Views(
-        tuple(f"b{k}" for k in range(COUNT)), images, np.ones(images.shape[:3], np.float32),
-        np.repeat(matrix[None], COUNT, axis=0), true, "train", has_masks=False,
+        tuple(f"b{k}" for k in range(len(true))), images, np.ones(images.shape[:3], np.float32),
+        np.repeat(matrix[None], len(true), axis=0), true, "train", has_masks=False,
     )  # fmt: skip
 
 
@@ -188,6 +191,20 @@ def test_right_cameras_stay():
     assert apart(views, adjust_cameras(views).camera_to_world, views.camera_to_world) < 0.05
 
 
+@pytest.mark.thorough
+@pytest.mark.parametrize("wrong", [0.97, 1.03])
+def test_a_wrong_focal_length_is_found_where_views_go_around(wrong):
+    """With the cameras where they would show the ball as large. So small pictures leave some of it."""
+    angles = np.radians(15.0 * np.arange(24))
+    eyes = 3 * np.stack([np.sin(angles), 0.3 + 0.2 * np.cos(3 * angles), np.cos(angles)], axis=1)
+    views = ball(120, np.stack([look_at(eye, np.zeros(3), np.array([0, 1.0, 0])) for eye in eyes]))
+    begun = views.camera_to_world.copy()
+    begun[:, :3, 3] *= wrong
+    adjusted = adjust_cameras(replace(views, camera_to_world=begun, intrinsics=zoomed_by(views.intrinsics, wrong)))
+    assert abs(wrong * adjusted.zoom - 1) < 0.6 * abs(wrong - 1)
+    assert np.median(adjusted.moved) < 2  # pixels, not those of a step back
+
+
 def test_pictures_without_paint_leave_the_cameras_as_they_are():
     views, _ = wall(count=3, size=64)
     blank = replace(views, images=np.full_like(views.images, 0.2), has_masks=False)
@@ -217,10 +234,13 @@ def test_training_and_test_views_are_compared_together_at_one_size():
     np.testing.assert_array_equal(all_views.images[7:], reduced(test, 2).images)
     np.testing.assert_array_equal(all_views.intrinsics[7:], reduced(test, 2).intrinsics)
     moved = all_views.camera_to_world + 1
-    train, after = with_cameras(half, test, moved)
+    train, after = with_cameras(half, test, moved, 1.1)
     assert (train.images is half.images, after.images is test.images) == (True, True)
     np.testing.assert_array_equal(train.camera_to_world, moved[:7])
     np.testing.assert_array_equal(after.camera_to_world, moved[7:])
+    lengths = [one.intrinsics[0] / other.intrinsics[0] for one, other in ((train, half), (after, test))]
+    for length in lengths:
+        np.testing.assert_allclose(length[[0, 1, 0, 1], [0, 1, 2, 2]], [1.1, 1.1, 1, 1])
     assert together(half, test.subset([])).names == half.names
 
 
@@ -286,11 +306,12 @@ def test_photographs_have_their_cameras_adjusted_where_nothing_speaks_against_it
 def test_it_is_told_where_adjusted_cameras_are_no_better(tmp_path):
     views, _ = wall(count=4, size=64)
     blank = replace(views, images=np.full_like(views.images, 0.2), has_masks=False)
-    context, figures, nothing = FakeContext(scratch=tmp_path), {}, np.zeros((0, 3), np.float32)
+    context, figures = FakeContext(scratch=tmp_path), {"focal": 100.0}
+    nothing = np.zeros((0, 3), np.float32)
     same = data._adjusted(context, blank, PointCloud(nothing, nothing), figures, data.PhotosParams(path=tmp_path))
     assert not same.astray.any()
     np.testing.assert_array_equal(same.camera_to_world, blank.camera_to_world)
-    assert figures == {"adjusted_px": 0.0, "adjusted_most_px": 0.0}
+    assert figures == {"adjusted_px": 0.0, "adjusted_most_px": 0.0, "focal": 100.0}
     assert any("cameras stay" in line for line in context.lines)
 
 
@@ -307,7 +328,7 @@ def test_cameras_go_astray_where_depth_and_patches_say_so(known, alike, expected
         depth[k, :, : round(100 * share)] = 1
     depths = DepthMaps(tuple(f"v{k}" for k in range(count)), depth)
     stereo = Stereo(depths, np.zeros((count, 1, 1, 3)), np.zeros((count, 1, 1)), ())
-    found = Adjusted(np.eye(4)[None].repeat(count, 0), np.zeros(count), (0.5, 0.5), stereo, np.array(alike))
+    found = Adjusted(np.eye(4)[None].repeat(count, 0), 1.0, np.zeros(count), (0.5, 0.5), stereo, np.array(alike))
     assert np.flatnonzero(found.astray).tolist() == expected
 
 
@@ -320,7 +341,7 @@ def test_a_camera_that_went_astray_is_left_out_by_name(tmp_path):
     order = [k for k in range(COUNT) if k != 2]
     scene = Scene(views.subset(order), replace(views.subset([2]), split="test"), Frame(np.eye(4), np.eye(4)))
     context, nothing = FakeContext(scratch=tmp_path), np.zeros((0, 3), np.float32)
-    figures = {"registered": COUNT, "left_out": ["other"]}
+    figures = {"registered": COUNT, "left_out": ["other"], "focal": 100.0}
     p = data.PhotosParams(path=tmp_path, vignetting=False)
     after = data._compared(context, scene, PointCloud(nothing, nothing), figures, p, True)
     assert set(scene.train.names) - set(after.train.names) == {views.names[4]}

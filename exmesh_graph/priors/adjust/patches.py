@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -28,6 +28,13 @@ class Patches:
 
     def __len__(self) -> int:
         return len(self.depths)
+
+    def zoomed(self, growth: float) -> Patches:
+        """The same pixels of a lens whose focal length is exp(`growth`) times as long: rays close up across the axis,
+        and with them what they see."""
+        across = np.array([np.exp(-growth), np.exp(-growth), 1.0])
+        normals = self.normals / across
+        return replace(self, rays=self.rays * across, normals=normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
 def patches_of(gray: np.ndarray, intrinsics: np.ndarray, depth: np.ndarray, normals: np.ndarray) -> Patches:

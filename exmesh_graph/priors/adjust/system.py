@@ -8,12 +8,13 @@ the same places,
 
 with the correlation c of the two (Geman and McClure's weight of 2 (1 - c), the mean of r^2). A camera moves by a twist
 (o, v) of the world, X -> X + o x X + v. Points go with the camera whose patch it is: what counts is its twist less that
-of the other, and along the ray dX / dl = X - centre.
+of the other, and along the ray dX / dl = X - centre. Focal lengths grow by exp(g) together: what a camera sees closes
+up across its axis, dX / dg = -(X - centre) less what of it lies along the axis, and what it shows moves outward.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -38,6 +39,12 @@ class Level:
     values: torch.Tensor
     intrinsics: np.ndarray
 
+    def zoomed(self, growth: float) -> Level:
+        """With focal lengths exp(`growth`) times as long."""
+        intrinsics = self.intrinsics.copy()
+        intrinsics[:, [0, 1], [0, 1]] *= np.exp(growth)
+        return replace(self, intrinsics=intrinsics)
+
     def halved(self) -> Level:
         """At half the size: means of four pixels."""
         count, height, width = self.gray.shape
@@ -57,9 +64,9 @@ def level_of(gray: np.ndarray, intrinsics: np.ndarray) -> Level:
 class Share:
     """Normal equations of one view's patches, its own depths to be eliminated.
 
-    rows       int [6 (S + 1)], which of all unknowns: the view's own twist, then those of its S sources
-    curvature  float64 [6 (S + 1), 6 (S + 1)], slope [6 (S + 1)], of the twists alone
-    mixed      float64 [P, 6 (S + 1)], depth with twists; own [P], depths alone; own_slope [P]
+    rows       int [6 (S + 1) + 1], which of all unknowns: the view's own twist, those of its S sources, and g
+    curvature  float64 [6 (S + 1) + 1, same], slope, of these alone
+    mixed      float64 [P, 6 (S + 1) + 1], depth with them; own [P], depths alone; own_slope [P]
     agreement  sum of the correlations of what can be compared, negative ones as 0; `compared`, how many
     """
 
@@ -79,14 +86,17 @@ class Share:
         slope[self.rows] += self.slope - over.T @ self.own_slope
 
     def depths(self, twists: np.ndarray) -> np.ndarray:
-        """[P], the change of l that goes with these twists [6 N]."""
+        """[P], the change of l that goes with these twists and g [6 N + 1]."""
         return np.asarray(-(self.own_slope + self.mixed @ twists[self.rows]) / self.own)
 
 
 def share_of(
     level: Level, view: int, patches: Patches, logs: np.ndarray, sources: np.ndarray, poses: np.ndarray
 ) -> Share | None:
-    """Of `patches` of `view` in `sources` [S] (-1: none) under camera-to-world `poses`; None: it has none of either."""
+    """Of `patches` of `view` in `sources` [S] (-1: none) under camera-to-world `poses`; None: it has none of either.
+
+    Patches are of the focal lengths of `level` (`Level.zoomed`, `Patches.zoomed`).
+    """
     sources = sources[sources >= 0]
     if len(patches) == 0 or len(sources) == 0:
         return None
@@ -97,34 +107,34 @@ def share_of(
     unit, spread = _unit(values[..., 0])
     shown &= spread > _FLAT
     from_centre = places - torch.from_numpy(poses[view, :3, 3])
+    axis = torch.from_numpy(poses[view, :3, 2].copy())
+    across = (from_centre @ axis)[..., None] * axis - from_centre  # dX / dg
     count = len(sources) + 1
-    curvature, slope = np.zeros((count, 6, count, 6)), np.zeros((count, 6))
-    mixed = torch.zeros(len(patches), count, 6, dtype=torch.float64)
+    size = 6 * count + 1
+    curvature, slope = np.zeros((size, size)), np.zeros(size)
+    mixed = torch.zeros(len(patches), size, dtype=torch.float64)
     own = torch.full((len(patches),), _DEPTH, dtype=torch.float64)
     own_slope, agreement, compared = torch.zeros_like(own), 0.0, 0.0
     for k, source in enumerate(sources, 1):
-        other, slopes, seen, other_spread = _seen(level, int(source), places, from_centre, poses)
+        other, slopes, seen, other_spread = _seen(level, int(source), places, from_centre, across, poses)
         seen &= shown & (other_spread > _FLAT)
         correlation = (other * unit).mean(dim=1)
         weight = torch.where(seen, (1 + 2 * (1 - correlation) / _ROBUST) ** -2, 0.0)
         weighted = slopes * weight[:, None, None]
         product = torch.einsum("pna,pnb->pab", weighted, slopes)
         off = torch.einsum("pna,pn->pa", weighted, other - unit)
-        block, along = product[:, :6, :6].sum(dim=0).numpy(), off[:, :6].sum(dim=0).numpy()
-        for one, sign in ((0, 1.0), (k, -1.0)):
-            slope[one] += sign * along
-            mixed[:, one] += sign * product[:, :6, 6]
-            for two, other_sign in ((0, 1.0), (k, -1.0)):
-                curvature[one, :, two] += sign * other_sign * block
+        # twists of both cameras, one against the other, and g: how these unknowns stand in the columns of `slopes`
+        chosen = np.zeros((8, size))
+        chosen[:6, :6], chosen[:6, 6 * k : 6 * k + 6], chosen[7, -1] = np.eye(6), -np.eye(6), 1.0
+        curvature += chosen.T @ product.sum(dim=0).numpy() @ chosen
+        slope += off.sum(dim=0).numpy() @ chosen
+        mixed += product[:, 6] @ torch.from_numpy(chosen)
         own += product[:, 6, 6]
         own_slope += off[:, 6]
         agreement += float((correlation.clamp(min=0) * seen).sum())
         compared += float(seen.sum())
-    rows = np.concatenate([np.arange(6 * one, 6 * one + 6) for one in (view, *sources)])
-    return Share(
-        rows, curvature.reshape(6 * count, -1), slope.ravel(), mixed.reshape(len(patches), -1).numpy(), own.numpy(),
-        own_slope.numpy(), agreement, compared,
-    )  # fmt: skip
+    rows = np.concatenate([*(np.arange(6 * one, 6 * one + 6) for one in (view, *sources)), [6 * len(poses)]])
+    return Share(rows, curvature, slope, mixed.numpy(), own.numpy(), own_slope.numpy(), agreement, compared)
 
 
 def placed(
@@ -142,10 +152,10 @@ def placed(
 
 
 def _seen(
-    level: Level, source: int, places: torch.Tensor, from_centre: torch.Tensor, poses: np.ndarray
+    level: Level, source: int, places: torch.Tensor, from_centre: torch.Tensor, zoomed: torch.Tensor, poses: np.ndarray
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-    """(z' [P, 9], its derivatives by the twist (o, v) and by l [P, 9, 7], whether it is in the picture [P], deviation
-    [P]) of `source`."""
+    """(z' [P, 9], its derivatives by the twist (o, v), by l and by g [P, 9, 8], whether it is in the picture [P],
+    deviation [P]) of `source`."""
     turn = torch.from_numpy(np.ascontiguousarray(poses[source, :3, :3]))  # to the world
     local = (places - torch.from_numpy(poses[source, :3, 3])) @ turn
     matrix = level.intrinsics[source]
@@ -156,9 +166,10 @@ def _seen(
     across, down = values[..., 1] * matrix[0, 0], values[..., 2] * matrix[1, 1]
     in_camera = torch.stack([across / depth, down / depth, -(across * u + down * v) / depth], dim=-1)
     in_world = in_camera @ turn.T
-    slopes = torch.cat(
-        [torch.linalg.cross(places, in_world), in_world, (in_world * from_centre).sum(dim=-1, keepdim=True)], dim=-1
+    along = torch.stack(
+        [(in_world * from_centre).sum(dim=-1), (in_world * zoomed).sum(dim=-1) + across * u + down * v], -1
     )
+    slopes = torch.cat([torch.linalg.cross(places, in_world), in_world, along], dim=-1)
     unit, spread = _unit(values[..., 0])
     # z is of unit deviation and without mean: what only changes these does not change it
     slopes = slopes - slopes.mean(dim=1, keepdim=True)
