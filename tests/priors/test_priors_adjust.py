@@ -140,7 +140,7 @@ def test_what_cannot_be_compared_says_nothing(case):
 
 
 def ball(size=160, true=None):
-    """Nine views of a painted ball of radius 0.6, nine degrees apart, or `true` ones, before a painted wall far away."""
+    """Nine views of a painted ball of radius 0.6, nine degrees apart, or `true` ones, before a wall far away."""
     true = poses() if true is None else true.copy()
     pictures = [picture(pose, painted(), size, size, 1.6 * size)[0] for pose in true]
     true[:, :3, 3] *= 0.6
