@@ -30,7 +30,7 @@ from exmesh_graph.native import import_pycolmap
 
 _MODELS = ("sparse/0", "sparse", "colmap/sparse/0")
 #: Where the pictures are, and with them their sidecars.
-PLACES = ("images", "image", ".")
+_PLACES = ("images", "image", ".")
 _PARTS = ("cameras", "images", "points3D", "rigs", "frames")
 #: Quarter turns to the left that make a stored picture upright, by Exif's orientation; the others mirror.
 _QUARTERS = {1: 0, 3: 2, 6: -1, 8: 1}
@@ -69,7 +69,7 @@ def find_export(folder: Path) -> Export | None:
     file = folder / "transforms.json"
     if file.is_file():
         return Export("nerfstudio", file)
-    return next((Export("RealityScan", folder / name) for name in PLACES if sidecars(folder / name)), None)
+    return next((Export("RealityScan", folder / name) for name in _PLACES if sidecars(folder / name)), None)
 
 
 def read_export(export: Export, pictures: Sequence[Path], working: Sequence[Working]) -> Motion:

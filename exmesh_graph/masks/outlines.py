@@ -92,13 +92,7 @@ def small_masks(
     return np.stack(share(one, _counted(len(outlines), progress)))
 
 
-def refined(
-    views: Views,
-    masks: np.ndarray,
-    factor: int,
-    settings: CutSettings,
-    progress: Callable[[int, int], None] | None = None,
-) -> np.ndarray:
+def refined(views: Views, masks: np.ndarray, factor: int, settings: CutSettings) -> np.ndarray:
     """bool [N, H, W] of bool [N, h, w], `factor` times as large and moved once more to edges of the whole pictures."""
     if factor == 1:
         return masks
@@ -108,7 +102,7 @@ def refined(
         large = _enlarged(masks[view], factor, full)
         return moved_to_edges(_display(views.images[view]), large, 1.5 * factor, settings.smoothness)
 
-    return np.stack(share(one, _counted(len(masks), progress)))
+    return np.stack(share(one, range(len(masks))))
 
 
 def _counted(views: int, progress: Callable[[int, int], None] | None) -> Iterator[int]:

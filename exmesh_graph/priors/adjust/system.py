@@ -20,6 +20,7 @@ import numpy as np
 import torch
 
 from exmesh_graph.priors.adjust.patches import Patches
+from exmesh_graph.priors.together import zoomed_by
 
 _SPAN = (-2.0, 0.0, 2.0)
 _ROBUST = 0.3
@@ -41,9 +42,7 @@ class Level:
 
     def zoomed(self, growth: float) -> Level:
         """With focal lengths exp(`growth`) times as long."""
-        intrinsics = self.intrinsics.copy()
-        intrinsics[:, [0, 1], [0, 1]] *= np.exp(growth)
-        return replace(self, intrinsics=intrinsics)
+        return replace(self, intrinsics=zoomed_by(self.intrinsics, float(np.exp(growth))))
 
     def halved(self) -> Level:
         """At half the size: means of four pixels."""
