@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -25,6 +25,7 @@ from exmesh_graph.types.pictures import kept_in
 if TYPE_CHECKING:
     import numpy as np
 
+    from exmesh_graph.io.lens import LensChange
     from exmesh_graph.io.scene import Scene
     from exmesh_graph.priors.adjust.cameras import Adjusted
     from exmesh_graph.priors.patch_match.estimate import Stereo
@@ -194,7 +195,7 @@ def _photo_files(p: PhotosParams) -> Mapping[str, Path]:
 
 @node(
     "data.photos",
-    version="5",
+    version="6",
     libraries=("OpenImageIO", "scipy", "scikit-image", "pycolmap", "networkx", "pillow", "torch", "warp-lang"),
     sources=_photo_files,
     resources=ALL_CORES,
@@ -204,45 +205,54 @@ def photos(ctx: Context, *, p: PhotosParams) -> PhotosOut:
 
     Or the cameras that COLMAP, nerfstudio, Metashape or RealityScan found, whose files lie in the folder.
     """
-    from exmesh_graph.io.photos import load_photos
+    from exmesh_graph.io.photos import place_photos
 
     work = ctx.scratch / "motion"
     work.mkdir()
     with kept_in(ctx.scratch):
-        scene, points, motion = load_photos(p.path, p, work, ctx.seed, ctx.log)
-    figures = motion.figures()
+        placed = place_photos(p.path, p, work, ctx.seed, ctx.log)
+        scene, motion = placed.scene(), placed.motion
+    points, figures = placed.points(scene.frame), motion.figures()
     known = "from what was known" if motion.focal_known else "(found from the pictures alone)"
     ctx.log(
         f"cameras of {figures['registered']} of {figures['pictures']} pictures ({motion.told}), {len(points)} "
         f"points, reprojection error {motion.error:.2f} px, focal length {figures['focal']:.0f} px {known}"
     )
     if not motion.turned:  # what turns before lamps that stand still looks another in each picture
-        scene = _compared(ctx, scene, points, figures, p, p.adjust and motion.found and not scene.train.has_masks)
+        adjust = p.adjust and motion.found and not scene.train.has_masks
+        scene = _compared(ctx, scene, placed.scene, points, figures, p, adjust)
     return PhotosOut(*_views(ctx, scene), points, Metrics(figures))
 
 
 def _compared(
-    ctx: Context, scene: Scene, points: PointCloud, figures: dict[str, Any], p: PhotosParams, adjust: bool
-) -> Scene:
-    """The scene after what its photographs say when they are compared pixel by pixel."""
+    ctx: Context, scene: Scene, again: Callable[[LensChange], Scene], points: PointCloud, figures: dict[str, Any],
+    p: PhotosParams, adjust: bool,
+) -> Scene:  # fmt: skip
+    """The scene after what its photographs say when they are compared pixel by pixel; `again` makes it of others'
+    lenses."""
     import numpy as np
 
-    from exmesh_graph.priors.together import together, with_cameras, zoomed_by
+    from exmesh_graph.io.lens import UNCHANGED
+    from exmesh_graph.priors.together import together, with_cameras
 
     if not (adjust or p.vignetting):
         return scene
-    views, stereo = together(scene.train, scene.test), None
+    stereo = None
     if adjust:
-        adjusted = _adjusted(ctx, views, points, figures, p)
-        longer = zoomed_by(views.intrinsics, adjusted.zoom)
-        views, stereo = replace(views, camera_to_world=adjusted.camera_to_world, intrinsics=longer), adjusted.stereo
-        train, test = with_cameras(scene.train, scene.test, views.camera_to_world, adjusted.zoom)
+        adjusted = _adjusted(ctx, together(scene.train, scene.test), points, figures, p)
+        if adjusted.lens != UNCHANGED:
+            with kept_in(ctx.scratch):
+                scene = again(adjusted.lens)
+        names = scene.train.names + scene.test.names
+        train, test = with_cameras(scene.train, scene.test, adjusted.camera_to_world)
         scene = replace(scene, train=train, test=test)
+        if adjusted.lens.bend == 0:  # else its pixels are others
+            stereo = adjusted.stereo.of(np.flatnonzero(~adjusted.astray))
         if adjusted.astray.any():
-            kept = np.flatnonzero(~adjusted.astray)
-            scene = _without(ctx, scene, views.names, adjusted.astray, figures)
-            views, stereo = views.subset(kept), adjusted.stereo.of(kept)
-    return _even(ctx, scene, views, stereo, points, figures, p) if p.vignetting else scene
+            scene = _without(ctx, scene, names, adjusted.astray, figures)
+    if not p.vignetting:
+        return scene
+    return _even(ctx, scene, together(scene.train, scene.test), stereo, points, figures, p)
 
 
 def _adjusted(ctx: Context, views: Views, points: PointCloud, figures: dict[str, Any], p: PhotosParams) -> Adjusted:
@@ -254,14 +264,15 @@ def _adjusted(ctx: Context, views: Views, points: PointCloud, figures: dict[str,
     adjusted = adjust_cameras(views, points, seed=ctx.seed, threads=p.threads, tell=ctx.log)
     moved, (before, after) = adjusted.moved, adjusted.correlation
     figures["adjusted_px"], figures["adjusted_most_px"] = float(np.median(moved)), float(moved.max())
-    figures["focal"] *= adjusted.zoom
+    figures["focal"] *= adjusted.lens.zoom
+    figures["bend"] = adjusted.lens.bend
     if not moved.any():
         ctx.log("cameras stay as they were found: the photographs agree no better under adjusted ones")
     else:
         ctx.log(
             f"cameras adjusted: pictures move by {np.median(moved):.1f} pixels (median; at most {moved.max():.1f}), "
-            f"focal lengths are {adjusted.zoom:.3f} times as long, and patches agree to {after:.3f} in place of "
-            f"{before:.3f}"
+            f"focal lengths are {adjusted.lens.zoom:.3f} times as long, lenses bend by {adjusted.lens.bend:+.3f} r^2 "
+            f"more, and patches agree to {after:.3f} in place of {before:.3f}"
         )
     return adjusted
 

@@ -18,6 +18,8 @@ import numpy as np
 
 from exmesh_graph.io.cameras import reduced_size
 
+_ROUNDS = 20
+
 
 class AnyLens(Protocol):
     """What a lens is to the loaders; pycolmap's cameras are such lenses."""
@@ -140,6 +142,72 @@ class Behind:
 
     def _size(self) -> tuple[int, int]:
         return reduced_size(self._turned(), self.factor)
+
+
+@dataclass(frozen=True)
+class LensChange:
+    """What lenses are other than they were taken for: longer by exp(`growth`), and bent by more of r^2, by `bend`.
+
+    What a pinhole shows at u = (X / Z, Y / Z), the lens that was taken for straight shows at
+
+        q = exp(g) u (1 + b r^2),    r = |u|
+    """
+
+    growth: float = 0.0
+    bend: float = 0.0
+
+    @property
+    def zoom(self) -> float:
+        """What focal lengths are times those before."""
+        return float(np.exp(self.growth))
+
+    def longer(self, intrinsics: np.ndarray) -> np.ndarray:
+        """Intrinsics [..., 3, 3] with focal lengths as long as they are."""
+        matrix = np.array(intrinsics, np.float64)
+        matrix[..., [0, 1], [0, 1]] *= self.zoom
+        return matrix
+
+    def shown(self, rays: np.ndarray) -> np.ndarray:
+        """q [..., 2] of u [..., 2]."""
+        return self.zoom * rays * (1 + self.bend * np.square(rays).sum(axis=-1, keepdims=True))
+
+    def rays(self, shown: np.ndarray) -> np.ndarray:
+        """u [..., 2] of q [..., 2], by iteration."""
+        rays = shown / self.zoom
+        for _ in range(_ROUNDS if self.bend else 0):
+            rays = shown / (self.zoom * (1 + self.bend * np.square(rays).sum(axis=-1, keepdims=True)))
+        return rays
+
+
+#: Lenses are what they were taken for.
+UNCHANGED = LensChange()
+
+
+@dataclass(frozen=True)
+class Changed:
+    """A lens as it is after all."""
+
+    lens: AnyLens
+    change: LensChange
+
+    @property
+    def width(self) -> int:
+        """As `AnyLens`."""
+        return self.lens.width
+
+    @property
+    def height(self) -> int:
+        """As `AnyLens`."""
+        return self.lens.height
+
+    def calibration_matrix(self) -> np.ndarray:
+        """As `AnyLens`."""
+        return self.change.longer(self.lens.calibration_matrix())
+
+    def img_from_cam(self, cam_points: np.ndarray) -> np.ndarray:
+        """As `AnyLens`."""
+        shown = self.change.shown(cam_points[:, :2] / cam_points[:, 2:])
+        return np.asarray(self.lens.img_from_cam(np.concatenate([shown, np.ones((len(shown), 1))], axis=1)))
 
 
 def turn(quarter: int) -> np.ndarray:

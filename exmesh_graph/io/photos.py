@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,23 +19,15 @@ from exmesh_graph.io.exports import Export, find_export, read_export
 from exmesh_graph.io.formats import OPAQUE, PICTURES, VIDEOS, need_libraries
 from exmesh_graph.io.images import read_mask, read_photo
 from exmesh_graph.io.motion import Motion, Through, find_motion, renamed
-from exmesh_graph.io.normalise import nearest_point, points_to_normalised, some
-from exmesh_graph.io.one_size import brought_note
+from exmesh_graph.io.normalise import some
+from exmesh_graph.io.placed import Placed
 from exmesh_graph.io.selection import choose
 from exmesh_graph.io.settings import PhotosOptions
-from exmesh_graph.io.shots import Shot, need_file, need_folder, relative_names, split
-from exmesh_graph.io.undistort import pinhole
-from exmesh_graph.io.vertical import upright_world
+from exmesh_graph.io.shots import need_file, need_folder, relative_names
 from exmesh_graph.io.video import extract_frames
-from exmesh_graph.io.working import Working, common_size, prepare, upright
-from exmesh_graph.types import PointCloud
-
-if TYPE_CHECKING:
-    from exmesh_graph.io.scene import Scene
+from exmesh_graph.io.working import Working, prepare
 
 _FEWEST = 3
-_STRAIGHT = 0.05  # pixels
-_NEAR, _ROOM, _OUTSIDE = 0.7, 1.05, 0.8
 _WHY = ("blurred beside the others", "nothing moved between them and a sharper neighbour")
 
 
@@ -71,7 +62,7 @@ def is_video(path: Path) -> bool:
 
 
 def photo_files(path: Path, options: PhotosOptions) -> dict[str, Path]:
-    """Every file that `load_photos` reads, by a name that does not depend on where the scene lies."""
+    """Every file that `place_photos` reads, by a name that does not depend on where the scene lies."""
     if is_video(path):
         return need_file(path) | need_libraries([path])
     listed = list_photos(path, options.masks)
@@ -101,20 +92,16 @@ def _mask(folder: Path, picture: Path) -> Path | None:
     return next((folder / name for name in names if (folder / name).is_file()), None)
 
 
-def load_photos(
+def place_photos(
     path: Path, options: PhotosOptions, work: Path, seed: int = 0, tell: Callable[[str], None] = lambda _: None
-) -> tuple[Scene, PointCloud, Motion]:
-    """Find cameras, undo the lens, load and normalise; sparse points in the normalised world.
+) -> Placed:
+    """Photographs with cameras, by structure from motion or another program's.
 
-    work  an empty folder for the database of features
+    work  an empty folder for pictures as structure from motion sees them, and its database
     tell  is told what is being done
 
-    The world is Y-up by level cameras, by the mean of the cameras' up where these do not tell. Its sphere comes from
-    the masks, else from the sparse points around the place that the cameras look at (`object_sphere`).
-    Raises DataError for what `list_photos`, `extract_frames`, `prepare`, `find_motion` and `load_scene` refuse.
+    Raises DataError for what `list_photos`, `extract_frames`, `prepare` and `find_motion` refuse.
     """
-    from exmesh_graph.io.scene import load_scene
-
     listed, notes = _listed(path, options, work)
     working = prepare(listed, work / "pictures", options.megapixels)
     working, dropped = _kept(working, options, path)
@@ -133,63 +120,8 @@ def load_photos(
             )
     else:
         motion = _motion(working, options, work, seed, tell)
-    motion = replace(motion, dropped=dropped)
-    size = common_size(working)
-    shots, note = _shots(working, motion, size)
-    notes += [note] if note else []
-    train, test = split(shots, options.holdout, options.first, path)
-    poses = np.stack([shot.camera_to_world for shot in shots])
-    placed = [one for one in working if one.name in motion.camera_to_world]
-    turn, note = upright_world(np.stack([upright(motion.camera_to_world[one.name], one.quarter) for one in placed]))
-    notes += [note] if note else []
-    train, test = ([replace(s, camera_to_world=turn @ s.camera_to_world) for s in part] for part in (train, test))
-    points = motion.points @ turn[:3, :3].T
     masked = any(one.mask is not None or _has_alpha(one.image) for one in working)
-    known = len(points) > 0 or export is None
-    sphere = object_sphere(points, motion.tracks, turn @ poses) if known and not masked else None
-    scene = load_scene(
-        train, test, up="y", downscale=options.downscale, wrong_masks=options.wrong_masks, sphere=sphere,
-        checks=options.checks, size=options,
-    )  # fmt: skip
-    scene.notes.extend(notes)
-    if motion.left_out:
-        scene.notes.append(
-            f"no camera that holds was found for {len(motion.left_out)} of {len(working)} pictures, which are left "
-            f"out: {some(motion.left_out)}. To have them in: more pictures between these and their neighbours, at most "
-            "15 degrees apart, sharp and bright; or larger ones, and a larger `megapixels`"
-        )
-    if motion.doubtful:
-        scene.notes.append(
-            f"only {motion.agreeing:.0%} of the matches between pictures agree with the cameras that were found, which "
-            "are likely wrong: something looks alike in many places (chequered cloth, tiles, equal windows). Take it "
-            "away or cover it, lay printed things of all kinds around the object, and take pictures at most 10 degrees "
-            "apart"
-        )
-    cloud = PointCloud(points_to_normalised(points, scene.frame).astype(np.float32), motion.colours.astype(np.float32))
-    return scene, cloud, motion
-
-
-def object_sphere(points: np.ndarray, tracks: np.ndarray, camera_to_world: np.ndarray) -> tuple[np.ndarray, float]:
-    """(centre [3], radius) of what stands amidst the cameras, without masks.
-
-    Of the sparse points, those nearer than the cameras to the point that the optical axes pass most closely, each
-    counted by the pictures that see it: their median, and the distance that holds 98 % of them, and a little. No more
-    than keeps three quarters of the cameras well outside: a floor that goes on below them is no object.
-    """
-    origins, axes = camera_to_world[:, :3, 3], camera_to_world[:, :3, 2]
-    middle = nearest_point(origins, axes)
-    reach = np.median(np.linalg.norm(origins - middle, axis=1))
-    near = np.linalg.norm(points - middle, axis=1) < _NEAR * reach
-    if near.sum() < 10:
-        raise DataError(
-            f"{int(near.sum())} sparse points lie where the cameras look, too few to locate the object",
-            fix="take pictures closer together and from more sides, or add masks; an object that mirrors or has no "
-            "paint has no points of its own: dull it with spray or powder",
-        )
-    many = np.repeat(points[near], tracks[near], axis=0)
-    centre = np.median(many, axis=0)
-    radius = _ROOM * float(np.quantile(np.linalg.norm(many - centre, axis=1), 0.98))
-    return centre, min(radius, _OUTSIDE * float(np.quantile(np.linalg.norm(origins - centre, axis=1), 0.25)))
+    return Placed(path, options, working, replace(motion, dropped=dropped), masked, notes)
 
 
 def _listed(path: Path, options: PhotosOptions, work: Path) -> tuple[list[tuple[Path, Path | None]], list[str]]:
@@ -247,34 +179,3 @@ def _alphas(working: list[Working]) -> dict[str, np.ndarray]:
 
 def _has_alpha(picture: Path) -> bool:
     return picture.suffix.lower() not in OPAQUE and bool((read_photo(picture).alpha < 1).any())
-
-
-def _shots(working: list[Working], motion: Motion, size: tuple[int, int]) -> tuple[list[Shot], str]:
-    """(views of `size` with cameras, a note on those that lose or gain by it)."""
-    pinholes: list[tuple[np.ndarray, np.ndarray | None]] = []
-    for lens in motion.lenses:
-        k = lens.calibration_matrix()
-        grid, places = pinhole(lens.img_from_cam, k, lens.width, lens.height, size)
-        straight = (
-            (lens.width, lens.height) == size
-            and np.abs(grid - k).max() < _STRAIGHT
-            and np.abs(places - _centres(*size)).max() < _STRAIGHT
-        )
-        pinholes.append((k, None) if straight else (grid, places))
-    shots, odd, least = [], [], 1.0
-    for one in working:
-        if one.name in motion.camera_to_world:
-            k, where = pinholes[motion.camera[one.name]]
-            pose = motion.camera_to_world[one.name]
-            shots.append(Shot(Path(one.name).stem, one.image, pose, k, one.mask, size, places=where))
-            if one.size != size:
-                factor = max(size[0] / one.size[0], size[1] / one.size[1])
-                odd.append(one.name)
-                least = min(least, size[0] * size[1] / (factor**2 * one.size[0] * one.size[1]))
-    if not odd:
-        return shots, ""
-    return shots, brought_note(odd, len(shots), size, least)
-
-
-def _centres(width: int, height: int) -> np.ndarray:
-    return np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), axis=-1)

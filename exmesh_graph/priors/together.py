@@ -26,15 +26,7 @@ def together(train: Views, test: Views) -> Views:
     return replace(parts[0], names=tuple(name for part in parts for name in part.names), **joined)
 
 
-def with_cameras(train: Views, test: Views, camera_to_world: np.ndarray, zoom: float = 1.0) -> tuple[Views, Views]:
-    """Both under cameras float64 [N, 4, 4], those of training views first, of focal lengths `zoom` times as long."""
+def with_cameras(train: Views, test: Views, camera_to_world: np.ndarray) -> tuple[Views, Views]:
+    """Both under cameras float64 [N, 4, 4], those of training views first."""
     first, second = np.split(camera_to_world, [len(train)])
-    train = replace(train, camera_to_world=first, intrinsics=zoomed_by(train.intrinsics, zoom))
-    return train, replace(test, camera_to_world=second, intrinsics=zoomed_by(test.intrinsics, zoom))
-
-
-def zoomed_by(intrinsics: np.ndarray, zoom: float) -> np.ndarray:
-    """Intrinsics float64 [N, 3, 3] with focal lengths `zoom` times as long."""
-    longer = np.array(intrinsics, np.float64)
-    longer[:, [0, 1], [0, 1]] *= zoom
-    return longer
+    return replace(train, camera_to_world=first), replace(test, camera_to_world=second)

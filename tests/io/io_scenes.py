@@ -88,3 +88,9 @@ def blender_directions(height: int, width: int) -> np.ndarray:
     theta = np.pi * (np.arange(height) + 0.5) / height
     phi, theta = np.meshgrid(phi, theta)
     return np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
+
+
+def of_placed(placed):
+    """(scene, sparse points in its world, motion) of photographs with cameras."""
+    scene = placed.scene()
+    return scene, placed.points(scene.frame), placed.motion

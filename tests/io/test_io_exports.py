@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation
 from exmesh_graph.errors import DataError
 from exmesh_graph.io import photos
 from exmesh_graph.io.exports import find_export, read_export
-from exmesh_graph.io.lens import Lens, turn
+from exmesh_graph.io.lens import Lens, LensChange, turn
 from exmesh_graph.io.motion import DOUBTFUL
-from exmesh_graph.io.photos import load_photos, photo_files
+from exmesh_graph.io.photos import photo_files, place_photos
 from exmesh_graph.io.settings import PhotosOptions
-from tests.io.io_scenes import CENTRE, RADIUS, blender_from_opencv, encode_rgba, ring
+from tests.io.io_scenes import CENTRE, RADIUS, blender_from_opencv, encode_rgba, of_placed, ring
 from tests.io.test_io_one_size import photographed
 
 LENS = Lens(90, 70, (100.0, 100.0), (44.0, 36.5), (-0.16, 0.05), (0.004, -0.003))
@@ -115,7 +115,7 @@ WRITERS = {"COLMAP": colmap, "nerfstudio": nerfstudio, "Metashape": metashape, "
 
 def loaded(folder, work, options=OPTIONS):
     (work).mkdir()
-    return load_photos(folder, options, work)
+    return of_placed(place_photos(folder, options, work))
 
 
 @pytest.mark.parametrize("program", WRITERS)
@@ -144,6 +144,25 @@ def test_views_are_what_the_program_s_cameras_see(tmp_path, monkeypatch, program
     assert len(ours) == 11
     spread = [np.linalg.norm(np.asarray(p) - np.mean(p, 0), axis=1) for p in (ours, theirs)]
     np.testing.assert_allclose(spread[0] / spread[0].mean(), spread[1] / spread[1].mean(), rtol=1e-6)
+
+
+def test_views_through_lenses_that_turn_out_to_be_others_are_those_of_the_others(tmp_path):
+    """Pictures that were turned too; the world stays where it is."""
+    poses = scene(tmp_path / "a")
+    nerfstudio(tmp_path / "a", poses)
+    (tmp_path / "w").mkdir()
+    placed = place_photos(tmp_path / "a", OPTIONS, tmp_path / "w")
+
+    def of(*lens):
+        lenses = [replace(one, lens=Lens(90, 70, *lens)) for one in placed.motion.lenses]
+        return replace(placed, motion=replace(placed.motion, lenses=lenses))
+
+    true = of((100.0, 100.0), (44.0, 36.5), (-0.16,)).scene()
+    found = of((97.0, 97.0), (44.0, 36.5)).scene(LensChange(np.log(100 / 97), -0.16))
+    for ours, theirs in ((found.train, true.train), (found.test, true.test)):
+        np.testing.assert_allclose(ours.images, theirs.images, atol=1e-4)
+        np.testing.assert_allclose(ours.intrinsics, theirs.intrinsics, rtol=1e-9)
+        np.testing.assert_allclose(ours.camera_to_world, theirs.camera_to_world, atol=0.05)
 
 
 def test_points_of_colmap_lie_where_they_did(tmp_path):

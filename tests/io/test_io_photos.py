@@ -15,12 +15,13 @@ from exmesh_graph.io import motion
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.images import Photo, write_image
 from exmesh_graph.io.motion import Motion, find_motion
-from exmesh_graph.io.photos import list_photos, load_photos, object_sphere
+from exmesh_graph.io.photos import list_photos, place_photos
+from exmesh_graph.io.placed import object_sphere
 from exmesh_graph.io.settings import MotionSettings, PhotosOptions
 from exmesh_graph.io.undistort import pinhole, resampled
 from exmesh_graph.io.working import upright
 from exmesh_graph.testing import FakeContext
-from tests.io.io_scenes import look_at
+from tests.io.io_scenes import look_at, of_placed
 
 WIDTH, HEIGHT, FOCAL, COUNT = 200, 150, 260.0, 9
 
@@ -70,7 +71,7 @@ def folder(tmp_path_factory):
 def found(folder, work, **changes):
     pytest.importorskip("pycolmap", reason="pip install 'exmesh-graph[photos]'")
     work.mkdir()
-    return load_photos(folder, PhotosOptions(**changes), work)
+    return of_placed(place_photos(folder, PhotosOptions(**changes), work))
 
 
 def test_cameras_and_points_are_found_and_repeat_to_the_byte(folder, tmp_path):
@@ -130,7 +131,7 @@ def test_one_opaque_picture_does_not_hide_the_alpha_of_the_others(folder, tmp_pa
 def test_without_the_extra_the_error_says_what_to_install(folder, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pycolmap", None)
     with pytest.raises(MissingLibraryError, match=r"exmesh-graph\[photos\]"):
-        load_photos(folder, PhotosOptions(), tmp_path)
+        place_photos(folder, PhotosOptions(), tmp_path)
 
 
 def test_a_folder_that_cannot_do_is_refused_by_name(folder, tmp_path):
@@ -216,7 +217,7 @@ def test_one_focal_length_for_two_cameras_is_refused(folder, tmp_path):
         Image.open(folder / f"p{i}.png").resize((WIDTH - 40 * (i == 2), HEIGHT)).save(tmp_path / f"p{i}.png")
     (tmp_path / "w").mkdir()
     with pytest.raises(DataError, match=r"one number, and the pictures are of 2 cameras"):
-        load_photos(tmp_path, PhotosOptions(focal=200.0), tmp_path / "w")
+        place_photos(tmp_path, PhotosOptions(focal=200.0), tmp_path / "w")
 
 
 @pytest.mark.parametrize("k1", [-0.2, 0.15])
@@ -254,7 +255,8 @@ def test_of_many_pictures_those_that_look_alike_are_matched(folder, tmp_path, mo
     monkeypatch.setattr(motion, "MANY", 2)
     told, work = [], tmp_path / "work"
     work.mkdir()
-    _, _, made = load_photos(folder, PhotosOptions(mapping="incremental", matching="plain"), work, tell=told.append)
+    options = PhotosOptions(mapping="incremental", matching="plain")
+    made = place_photos(folder, options, work, tell=told.append).motion
     names = [f"p{i}.png" for i in range(COUNT)]
     assert set(names) <= set(made.camera_to_world)
     degrees, _ = differences(np.stack([made.camera_to_world[name] for name in names]), poses())

@@ -6,7 +6,7 @@ from scipy.ndimage import gaussian_filter, shift, uniform_filter1d
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.images import write_image
-from exmesh_graph.io.photos import load_photos
+from exmesh_graph.io.photos import place_photos
 from exmesh_graph.io.selection import choose, displacement, grey_of, sharpness
 from exmesh_graph.io.settings import PhotosOptions
 
@@ -88,4 +88,4 @@ def test_too_few_that_differ_is_an_error_that_counts_them(tmp_path):
     write(tmp_path, [scene()] * 4)
     (tmp_path / "w").mkdir()
     with pytest.raises(DataError, match=r"of 4 pictures 0 are blurred and 3 repeat"):
-        load_photos(tmp_path, PhotosOptions(), tmp_path / "w")
+        place_photos(tmp_path, PhotosOptions(), tmp_path / "w")

@@ -9,7 +9,7 @@ from exmesh_graph.errors import DataError
 from exmesh_graph.io import motion
 from exmesh_graph.io.checks.features import Pair, that_move
 from exmesh_graph.io.images import write_image
-from exmesh_graph.io.photos import load_photos
+from exmesh_graph.io.photos import place_photos
 from exmesh_graph.io.settings import MotionSettings, PhotosOptions
 from exmesh_graph.io.still import still_features, turning, turning_masks
 from tests.io.io_scenes import look_at
@@ -95,8 +95,8 @@ def test_cameras_of_what_turns_before_a_painted_wall(colmap, tmp_path):
     for work in ("all", "moving"):
         (tmp_path / work).mkdir()
     with pytest.raises(DataError, match="cameras were found for 0 of 8 pictures"):
-        load_photos(tmp_path, quick.replaced(turntable=False), tmp_path / "all")
-    found = load_photos(tmp_path, quick, tmp_path / "moving")[2]
+        place_photos(tmp_path, quick.replaced(turntable=False), tmp_path / "all")
+    found = place_photos(tmp_path, quick, tmp_path / "moving").motion
     poses = np.stack([found.camera_to_world[f"p{i}.png"] for i in range(len(cameras))])
     assert differences(poses, cameras)[0].max() < 2
     masks = turning_masks(colmap, tmp_path / "moving" / "plain" / "database.db")

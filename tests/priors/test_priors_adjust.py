@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io import photos
+from exmesh_graph.io.lens import UNCHANGED, LensChange
 from exmesh_graph.io.motion import Motion
 from exmesh_graph.io.scene import Scene
 from exmesh_graph.io.train_size import reduced
@@ -20,7 +21,7 @@ from exmesh_graph.priors.adjust.cameras import Adjusted, adjust_cameras
 from exmesh_graph.priors.adjust.patches import MOST, Patches, patches_of
 from exmesh_graph.priors.adjust.system import level_of, share_of
 from exmesh_graph.priors.patch_match.estimate import Stereo
-from exmesh_graph.priors.together import together, with_cameras, zoomed_by
+from exmesh_graph.priors.together import together, with_cameras
 from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import DepthMaps, Frame, PointCloud, Views
 from tests.io.io_scenes import look_at
@@ -53,21 +54,22 @@ def bent(count=3, seed=0):
     return level_of(gray, views.intrinsics), patches, poses, gray
 
 
-def reference(gray, intrinsics, view, source, patches, logs, poses):
-    """(r [P, 9], correlations [P]) by the definition, sample by sample; pictures as they are."""
+def reference(gray, intrinsics, view, source, patches, logs, poses, lens):
+    """(r [P, 9], correlations [P]) by the definition, sample by sample; pictures as they are, lenses other."""
     residuals, correlations = [], []
     for ray, depth, normal, log in zip(patches.rays, patches.depths, patches.normals, logs, strict=True):
         values = [[], []]
         for dy in (-2, 0, 2):
             for dx in (-2, 0, 2):
                 one = ray + np.array([dx / intrinsics[view, 0, 0], dy / intrinsics[view, 1, 1], 0])
-                local = one * depth * np.exp(log) * (normal @ ray) / (normal @ one)
+                turned = np.array([*lens.rays(one[:2]), 1.0])
+                local = turned * depth * np.exp(log) * (normal @ ray) / (normal @ one)
                 world = poses[view, :3, :3] @ local + poses[view, :3, 3]
                 for k, camera in enumerate((view, source)):
-                    seen = intrinsics[camera] @ poses[camera, :3, :3].T @ (world - poses[camera, :3, 3])
-                    if k == 0:  # the view's own samples stay where they are
-                        seen = intrinsics[view] @ one
-                    at = seen[:2] / seen[2] - 0.5
+                    seen = poses[camera, :3, :3].T @ (world - poses[camera, :3, 3])
+                    # the view's own samples stay where they are
+                    shown = one[:2] if k == 0 else lens.shown(seen[:2] / seen[2])
+                    at = intrinsics[camera, :2, :2] @ shown + intrinsics[camera, :2, 2] - 0.5
                     values[k].append(map_coordinates(gray[camera], at[::-1, None], order=1)[0])
         own, other = (np.asarray(part) - np.mean(part) for part in values)
         own, other = (part / (np.sqrt((part**2).mean()) + 1e-3) for part in (own, other))
@@ -82,12 +84,13 @@ def twisted(poses, twists):
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_equations_are_those_of_all_residuals_with_the_depths_eliminated(seed):
-    """Derivatives by central differences of the reference, in one dense matrix of all twists, of the growth of
-    focal lengths and of all depths."""
+    """Derivatives by central differences of the reference, in one dense matrix of all twists, of both changes of the
+    lenses and of all depths."""
     level, patches, poses, gray = bent(seed=seed)
+    level = level.through(LensChange(0.02, 0.3) if seed else UNCHANGED)
     level = replace(level, values=torch.from_numpy(np.stack([gray, *np.gradient(gray, axis=(2, 1))], axis=-1)))
     logs = np.random.default_rng(seed).normal(0, 0.01, len(patches))
-    size, count = 6 * len(poses) + 1, len(patches)
+    size, count = 6 * len(poses) + 2, len(patches)
     curvature, slope, dense, dense_slope = (
         np.zeros(s) for s in ((size, size), size, (size + count,) * 2, size + count)
     )
@@ -95,9 +98,9 @@ def test_the_equations_are_those_of_all_residuals_with_the_depths_eliminated(see
     share.add(curvature, slope)
 
     def residual(source, change):
-        growth = change[size - 1]
-        return reference(gray, level.zoomed(growth).intrinsics, 0, source, patches.zoomed(growth),
-                         logs + change[size:], twisted(poses, change[: size - 1].reshape(-1, 6)))  # fmt: skip
+        lens = LensChange(level.lens.growth + change[size - 2], level.lens.bend + change[size - 1])
+        return reference(gray, level.intrinsics, 0, source, patches, logs + change[size:],
+                         twisted(poses, change[: size - 2].reshape(-1, 6)), lens)  # fmt: skip
 
     for source in (1, 2):
         r, correlation = residual(source, np.zeros(size + count))
@@ -136,7 +139,7 @@ def test_what_cannot_be_compared_says_nothing(case):
     assert share.compared == 0
     assert not share.curvature.any()
     assert not share.slope.any()
-    assert np.isfinite(share.depths(np.ones(19))).all()
+    assert np.isfinite(share.depths(np.ones(20))).all()
 
 
 def ball(size=160, true=None):
@@ -200,8 +203,10 @@ def test_a_wrong_focal_length_is_found_where_views_go_around(wrong):
     views = ball(120, np.stack([look_at(eye, np.zeros(3), np.array([0, 1.0, 0])) for eye in eyes]))
     begun = views.camera_to_world.copy()
     begun[:, :3, 3] *= wrong
-    adjusted = adjust_cameras(replace(views, camera_to_world=begun, intrinsics=zoomed_by(views.intrinsics, wrong)))
-    assert abs(wrong * adjusted.zoom - 1) < 0.6 * abs(wrong - 1)
+    adjusted = adjust_cameras(
+        replace(views, camera_to_world=begun, intrinsics=LensChange(np.log(wrong)).longer(views.intrinsics))
+    )
+    assert abs(wrong * adjusted.lens.zoom - 1) < 0.6 * abs(wrong - 1)
     assert np.median(adjusted.moved) < 2  # pixels, not those of a step back
 
 
@@ -234,13 +239,10 @@ def test_training_and_test_views_are_compared_together_at_one_size():
     np.testing.assert_array_equal(all_views.images[7:], reduced(test, 2).images)
     np.testing.assert_array_equal(all_views.intrinsics[7:], reduced(test, 2).intrinsics)
     moved = all_views.camera_to_world + 1
-    train, after = with_cameras(half, test, moved, 1.1)
+    train, after = with_cameras(half, test, moved)
     assert (train.images is half.images, after.images is test.images) == (True, True)
     np.testing.assert_array_equal(train.camera_to_world, moved[:7])
     np.testing.assert_array_equal(after.camera_to_world, moved[7:])
-    lengths = [one.intrinsics[0] / other.intrinsics[0] for one, other in ((train, half), (after, test))]
-    for length in lengths:
-        np.testing.assert_allclose(length[[0, 1, 0, 1], [0, 1, 2, 2]], [1.1, 1.1, 1, 1])
     assert together(half, test.subset([])).names == half.names
 
 
@@ -270,6 +272,21 @@ def test_no_patches_are_an_empty_share():
     assert share_of(level, 0, none, np.zeros(0), np.array([1]), poses) is None
 
 
+class Known:
+    """Photographs with cameras, and how often they were read."""
+
+    def __init__(self, scene, motion):
+        self.made, self.motion, self.changes = scene, motion, []
+
+    def scene(self, change=UNCHANGED):
+        self.changes.append(change)
+        return self.made
+
+    def points(self, frame):
+        nothing = np.zeros((0, 3), np.float32)
+        return PointCloud(nothing, nothing)
+
+
 @pytest.mark.parametrize(
     ("parameters", "motion", "masks", "done"),
     [
@@ -292,7 +309,7 @@ def test_photographs_have_their_cameras_adjusted_where_nothing_speaks_against_it
     scene = Scene(train, test, Frame(np.eye(4), np.eye(4)))
     found = Motion({}, {}, (), nothing, nothing, np.zeros(0), (), 0.5, True, "incremental", **motion)
     monkeypatch.setattr(Motion, "figures", lambda self: {"registered": 9, "pictures": 9, "focal": 150.0})
-    monkeypatch.setattr(photos, "load_photos", lambda *given: (scene, PointCloud(nothing, nothing), found))
+    monkeypatch.setattr(photos, "place_photos", lambda *given: Known(scene, found))
     context = FakeContext(scratch=tmp_path)
     out = data.photos(context, p=data.PhotosParams(path=tmp_path, **parameters))
     assert done == any("cameras adjusted" in line for line in context.lines)
@@ -311,7 +328,7 @@ def test_it_is_told_where_adjusted_cameras_are_no_better(tmp_path):
     same = data._adjusted(context, blank, PointCloud(nothing, nothing), figures, data.PhotosParams(path=tmp_path))
     assert not same.astray.any()
     np.testing.assert_array_equal(same.camera_to_world, blank.camera_to_world)
-    assert figures == {"adjusted_px": 0.0, "adjusted_most_px": 0.0, "focal": 100.0}
+    assert figures == {"adjusted_px": 0.0, "adjusted_most_px": 0.0, "focal": 100.0, "bend": 0.0}
     assert any("cameras stay" in line for line in context.lines)
 
 
@@ -328,7 +345,7 @@ def test_cameras_go_astray_where_depth_and_patches_say_so(known, alike, expected
         depth[k, :, : round(100 * share)] = 1
     depths = DepthMaps(tuple(f"v{k}" for k in range(count)), depth)
     stereo = Stereo(depths, np.zeros((count, 1, 1, 3)), np.zeros((count, 1, 1)), ())
-    found = Adjusted(np.eye(4)[None].repeat(count, 0), 1.0, np.zeros(count), (0.5, 0.5), stereo, np.array(alike))
+    found = Adjusted(np.eye(4)[None].repeat(count, 0), UNCHANGED, np.zeros(count), (0.5, 0.5), stereo, np.array(alike))
     assert np.flatnonzero(found.astray).tolist() == expected
 
 
@@ -343,7 +360,9 @@ def test_a_camera_that_went_astray_is_left_out_by_name(tmp_path):
     context, nothing = FakeContext(scratch=tmp_path), np.zeros((0, 3), np.float32)
     figures = {"registered": COUNT, "left_out": ["other"], "focal": 100.0}
     p = data.PhotosParams(path=tmp_path, vignetting=False)
-    after = data._compared(context, scene, PointCloud(nothing, nothing), figures, p, True)
+    known = Known(scene, None)
+    after = data._compared(context, scene, known.scene, PointCloud(nothing, nothing), figures, p, True)
+    assert len(known.changes) == 1
     assert set(scene.train.names) - set(after.train.names) == {views.names[4]}
     assert after.test.names == scene.test.names
     assert (figures["registered"], figures["left_out"]) == (COUNT - 1, ["other", views.names[4]])

@@ -13,16 +13,19 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import Rotation
 
+from exmesh_graph.gpu.cores import share as shared
 from exmesh_graph.gpu.torch_setup import sharing
 from exmesh_graph.io.contrast import even_contrast
+from exmesh_graph.io.lens import UNCHANGED, LensChange
 from exmesh_graph.priors.adjust.patches import Patches, patches_of
 from exmesh_graph.priors.adjust.system import Level, Share, level_of, share_of
 from exmesh_graph.priors.patch_match.estimate import Stereo, patch_match
 from exmesh_graph.priors.patch_match.sources import choose_sources
 from exmesh_graph.priors.settings import PatchMatchSettings
-from exmesh_graph.priors.together import SIDE, zoomed_by
+from exmesh_graph.priors.together import SIDE
 from exmesh_graph.resources import usable_cores
 from exmesh_graph.targets import prepare_targets
 from exmesh_graph.types import PointCloud, Views
@@ -39,22 +42,26 @@ _FAR = 2.0
 _LEAST_SIDE = 48
 _LEAST_KNOWN, _LEAST_ALIKE, _MOST_ASTRAY = 0.45, 0.75, 0.2
 """Of the medians; right cameras have had 0.64 and 0.83 of them at least, a wrong one 0.23 and 0.65. Of the views."""
-_FOCAL = 1e5
-"""Weight of the square of what focal lengths have grown by, beside a curvature of 3e5 (coarse) to 5e6 (fine) where
-thirty photographs go around an object, and of 2e4 where nine from one side leave it open."""
+_FOCAL, _BEND = 1e5, 1e4
+"""Weights of the squares of what lenses have grown by, focal lengths and, by bending, what lies in the corners of the
+pictures; beside a curvature by focal lengths of 3e5 (coarse) to 5e6 (fine) where thirty photographs go around an
+object, and of 2e4 where nine from one side leave it open."""
+_BENT = 0.25
+"""What pixels in the corners move outward, of their way from the middle, at most."""
+_EITHER = np.array([-1.0, 1.0])
 _FARTHEST = 0.03
 """Change of a depth in one step, as a share of it, at most."""
 
 
 @dataclass(frozen=True)
 class Adjusted:
-    """camera_to_world float64 [N, 4, 4]; `zoom`, what focal lengths are times those before; `moved` float64 [N], pixels
-    by which its patches shifted in each view;
+    """camera_to_world float64 [N, 4, 4]; what lenses are other than before; `moved` float64 [N], pixels by which its
+    patches shifted in each view;
     mean correlation of patches with the other views, (before, after); the stereo by which that was found last; and
     `agreement` float64 [N], the correlation afterwards of each view's own patches."""
 
     camera_to_world: np.ndarray
-    zoom: float
+    lens: LensChange
     moved: np.ndarray
     correlation: tuple[float, float]
     stereo: Stereo
@@ -79,27 +86,23 @@ def adjust_cameras(
 ) -> Adjusted:
     """`views`, without masks and of a world that stands still, under cameras by which they agree best.
 
-    The least squares of `system.share_of` in twists of all cameras, depths of all patches and one growth of all focal
-    lengths, coarse to fine; the depths are eliminated patch by patch (Schur complement), and damping keeps the world
-    where it was. Where some view moved far, stereo was wrong there: it is done again under the new cameras, and so are
-    they. What lenses bend stays. Where patches agree no better afterwards, the cameras are those before. Equal
+    The least squares of `system.share_of` in twists of all cameras, depths of all patches and one change of all lenses,
+    coarse to fine; the depths are eliminated patch by patch (Schur complement), and damping keeps the world where it
+    was. Where some view moved far, stereo was wrong there: it is done again under the new cameras, and so are they.
+    Where patches agree no better afterwards, the cameras are those before. Equal
     arguments give equal bytes on any number of cores. Raises DataError for fewer than two views.
     """
     levels, known = _levels(views), None if points is None else points.points
-    done, moved, growth = views, np.zeros(len(views)), 0.0
+    done, lens, moved = views, UNCHANGED, np.zeros(len(views))
     agreement: list[float] = []
     alike = np.zeros(len(views))
     with sharing(threads), ThreadPoolExecutor(threads or usable_cores()) as pool:
         for turn in range(TURNS):
             tell(f"adjusting {len(views)} cameras, turn {turn + 1}: stereo")
             stereo = patch_match(done, PatchMatchSettings(side=STEREO_SIDE), points=points, seed=seed)
-            zoomed = [level.zoomed(growth) for level in levels]
-            patches = [
-                patches_of(zoomed[-1].gray[k], zoomed[-1].intrinsics[k], stereo.depths.depth[k], stereo.normals[k])
-                for k in range(len(views))
-            ]
+            patches = _patches(levels[-1] if lens == UNCHANGED else _finest(done), stereo, lens)
             chosen = choose_sources(done.intrinsics, done.camera_to_world, views.height, views.width, SOURCES, known)
-            poses, grown, told = _fitted(zoomed, patches, chosen, done.camera_to_world, growth, pool, tell)
+            poses, new, told = _fitted(levels, patches, chosen, done.camera_to_world, lens, pool, tell)
             before, after = (_mean(one) for one in told)
             agreement += [] if agreement else [before]
             if not after > before:
@@ -107,45 +110,74 @@ def adjust_cameras(
                 break
             agreement.append(after)
             alike = _each(told[1])
-            far = _moved(done, patches, poses, grown).max()
-            moved = _moved(views, [one.zoomed(-growth) for one in patches], poses, growth + grown)
-            growth += grown
-            done = replace(done, camera_to_world=poses, intrinsics=zoomed_by(views.intrinsics, float(np.exp(growth))))
+            far = _moved(done.camera_to_world, lens, patches, poses, new, views.intrinsics).max()
+            moved = _moved(views.camera_to_world, UNCHANGED, patches, poses, new, views.intrinsics)
+            lens, done = new, replace(seen_through(views, new), camera_to_world=poses)
             if far < _FAR:
                 break
-    zoom = float(np.exp(growth))
-    return Adjusted(done.camera_to_world, zoom, moved, (agreement[0], agreement[-1]), stereo, alike)
+    return Adjusted(done.camera_to_world, lens, moved, (agreement[0], agreement[-1]), stereo, alike)
+
+
+def seen_through(views: Views, lens: LensChange) -> Views:
+    """Views as they are if their lenses are other than they were taken for."""
+    intrinsics = lens.longer(views.intrinsics)
+    if not lens.bend:
+        return replace(views, intrinsics=intrinsics)
+    x, y = np.meshgrid(np.arange(views.width) + 0.5, np.arange(views.height) + 0.5)
+    pixels = np.stack([x, y], axis=-1)
+
+    def one(view: int) -> np.ndarray:
+        (focal, centre), (old, _) = ((k[[0, 1], [0, 1]], k[:2, 2]) for k in (intrinsics[view], views.intrinsics[view]))
+        at = lens.shown((pixels - centre) / focal) * old + centre - 0.5
+        picture = np.asarray(views.images[view])
+        parts = [
+            map_coordinates(picture[..., c], [at[..., 1], at[..., 0]], order=1, mode="nearest")
+            for c in range(picture.shape[-1])
+        ]
+        return np.stack(parts, axis=-1)
+
+    return replace(views, images=np.stack(shared(one, range(len(views)))), intrinsics=intrinsics)
+
+
+def _patches(finest: Level, stereo: Stereo, lens: LensChange) -> list[Patches]:
+    """Of each view, where the pictures before `lens` show them."""
+    return [
+        patches_of(gray, matrix, depth, normals).as_shown(lens)
+        for gray, matrix, depth, normals in zip(
+            finest.gray, finest.intrinsics, stereo.depths.depth, stereo.normals, strict=True
+        )
+    ]
 
 
 def _fitted(
-    levels: list[Level], patches: list[Patches], chosen: np.ndarray, poses: np.ndarray, start: float,
+    levels: list[Level], patches: list[Patches], chosen: np.ndarray, poses: np.ndarray, lens: LensChange,
     pool: ThreadPoolExecutor, tell: Callable[[str], None],
-) -> tuple[np.ndarray, float, tuple[np.ndarray, np.ndarray]]:  # fmt: skip
-    """Where focal lengths have grown by `start` before: (poses, their further growth, what `_correlations` gives of the
-    finest size before and after)."""
-    logs, growth = [np.zeros(len(one)) for one in patches], 0.0
-    before = _correlations(levels[-1], patches, logs, chosen, poses, pool)
+) -> tuple[np.ndarray, LensChange, tuple[np.ndarray, np.ndarray]]:  # fmt: skip
+    """(poses, lenses, what `_correlations` gives of the finest size before and after), begun at `poses` and `lens`."""
+    logs = [np.zeros(len(one)) for one in patches]
+    before = _correlations(levels[-1].through(lens), patches, logs, chosen, poses, pool)
     for k, level in enumerate(levels):
         tell(f"pictures of {level.gray.shape[2]} x {level.gray.shape[1]} pixels ({k + 1} of {len(levels)})")
         for _ in range(STEPS):
-            now, seen = level.zoomed(growth), [one.zoomed(growth) for one in patches]
-            poses, logs, grown, change = _step(now, seen, logs, chosen, poses, start + growth, pool)
-            growth += grown
+            poses, logs, lens, change = _step(level.through(lens), patches, logs, chosen, poses, pool)
             if change * level.intrinsics[0, 0, 0] < _STILL:
                 break
-    seen = [one.zoomed(growth) for one in patches]
-    return poses, growth, (before, _correlations(levels[-1].zoomed(growth), seen, logs, chosen, poses, pool))
+    return poses, lens, (before, _correlations(levels[-1].through(lens), patches, logs, chosen, poses, pool))
 
 
 def _levels(views: Views) -> list[Level]:
     """Even pictures, the coarsest first."""
-    factor = max(1, -(-max(views.width, views.height) // SIDE))
-    targets = prepare_targets(views, downscale=factor)
-    gray = np.stack([even_contrast(image.numpy().mean(axis=2)) for image in targets.images]).astype(np.float32)
-    levels = [level_of(gray, targets.intrinsics.numpy())]
+    levels = [_finest(views)]
     while len(levels) < SIZES and min(levels[0].gray.shape[1:]) >= 2 * _LEAST_SIDE:
         levels.insert(0, levels[0].halved())
     return levels
+
+
+def _finest(views: Views) -> Level:
+    factor = max(1, -(-max(views.width, views.height) // SIDE))
+    targets = prepare_targets(views, downscale=factor)
+    gray = np.stack([even_contrast(image.numpy().mean(axis=2)) for image in targets.images]).astype(np.float32)
+    return level_of(gray, targets.intrinsics.numpy())
 
 
 def _shares(
@@ -174,41 +206,45 @@ def _mean(correlations: np.ndarray) -> float:
 
 
 def _step(
-    level: Level, patches: list[Patches], logs: list[np.ndarray], chosen: np.ndarray, poses: np.ndarray, growth: float,
+    level: Level, patches: list[Patches], logs: list[np.ndarray], chosen: np.ndarray, poses: np.ndarray,
     pool: ThreadPoolExecutor,
-) -> tuple[np.ndarray, list[np.ndarray], float, float]:  # fmt: skip
-    """One damped Gauss-Newton step where focal lengths have grown by `growth`: (poses, logarithms of depths over those
-    of stereo, further growth, the largest part of a twist)."""
+) -> tuple[np.ndarray, list[np.ndarray], LensChange, float]:  # fmt: skip
+    """One damped Gauss-Newton step from the lenses of `level`: (poses, logarithms of depths over those of stereo,
+    lenses, the largest part of a twist or of how far bending moves a corner)."""
     shares = _shares(level, patches, logs, chosen, poses, pool)
-    size = 6 * len(poses) + 1
+    size = 6 * len(poses) + 2
     curvature, slope = np.zeros((size, size)), np.zeros(size)
     for share in shares:
         if share is not None:
             share.add(curvature, slope)
-    scale = np.trace(curvature) / size
+    scale = np.trace(curvature[:-1, :-1]) / size
     if scale <= 0:
-        return poses, logs, 0.0, 0.0
-    with_focal = _stepped_back(patches, logs, poses)
-    curvature, slope = with_focal.T @ curvature @ with_focal, slope @ with_focal
-    curvature[-1, -1] += _FOCAL
-    slope[-1] += _FOCAL * growth
-    step = with_focal @ -np.linalg.solve(curvature + DAMPING * scale * np.eye(size), slope)
-    twists, grown = step[:-1].reshape(-1, 6), float(step[-1])
+        return poses, logs, level.lens, 0.0
+    corner = np.square(np.array(level.gray.shape[:0:-1]) / 2 / level.intrinsics[0, [0, 1], [0, 1]]).sum()
+    natural = _stepped_back(patches, logs, poses, corner)
+    curvature, slope = natural.T @ curvature @ natural, slope @ natural
+    curvature[[-2, -1], [-2, -1]] += [_FOCAL, _BEND]
+    slope[-2:] += [_FOCAL * level.lens.growth, _BEND * corner * level.lens.bend]
+    step = natural @ -np.linalg.solve(curvature + DAMPING * scale * np.eye(size), slope)
+    twists, (grown, bent) = step[:-2].reshape(-1, 6), (float(part) for part in step[-2:])
     moved = np.stack([_motion(twist) @ pose for twist, pose in zip(twists, poses, strict=True)])
     changed = [
         log if share is None else log + np.clip(share.depths(step), -_FARTHEST, _FARTHEST)
         for log, share in zip(logs, shares, strict=True)
     ]
-    return moved, changed, grown, float(np.abs(twists).max())
+    lens = LensChange(level.lens.growth + grown, float(np.clip(level.lens.bend + bent, *(_BENT / corner * _EITHER))))
+    return moved, changed, lens, max(float(np.abs(twists).max()), abs(bent) * corner**1.5)
 
 
-def _stepped_back(patches: list[Patches], logs: list[np.ndarray], poses: np.ndarray) -> np.ndarray:
-    """[6 N + 1, 6 N + 1], twists and g of unknowns of which the last lets focal lengths grow while each camera steps
-    back until its patches are as large as before: damping, which holds cameras where they are, does not hold that."""
-    all_of = np.eye(6 * len(poses) + 1)
+def _stepped_back(patches: list[Patches], logs: list[np.ndarray], poses: np.ndarray, corner: float) -> np.ndarray:
+    """[6 N + 2, 6 N + 2], twists, g and b of unknowns of which the last two let focal lengths grow while each camera
+    steps back until its patches are as large as before (damping, which holds cameras where they are, does not hold
+    that), and bend lenses by what pixels in the corners, at the square `corner` of r, move outward."""
+    all_of = np.eye(6 * len(poses) + 2)
+    all_of[-1, -1] = 1 / corner
     for k, (one, log) in enumerate(zip(patches, logs, strict=True)):
         if len(one):
-            all_of[6 * k + 3 : 6 * k + 6, -1] = -poses[k, :3, 2] * np.median(one.depths * np.exp(log))
+            all_of[6 * k + 3 : 6 * k + 6, -2] = -poses[k, :3, 2] * np.median(one.depths * np.exp(log))
     return all_of
 
 
@@ -219,16 +255,17 @@ def _motion(twist: np.ndarray) -> np.ndarray:
     return matrix
 
 
-def _moved(views: Views, patches: list[Patches], poses: np.ndarray, growth: float) -> np.ndarray:
-    """Pixels of the views, the mean over a view's own patches: where its old camera shows them, and the new one, whose
-    focal length has grown by `growth`."""
-    shifts = np.zeros(len(views))
+def _moved(
+    old: np.ndarray, old_lens: LensChange, patches: list[Patches], new: np.ndarray, new_lens: LensChange,
+    intrinsics: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """Pixels of the views, the mean over a view's own patches: between where its old and its new camera show them."""
+    shifts = np.zeros(len(old))
     for k, one in enumerate(patches):
         if len(one):
-            world = (
-                one.rays * one.depths[:, None] @ views.camera_to_world[k, :3, :3].T + views.camera_to_world[k, :3, 3]
-            )
-            local = (world - poses[k, :3, 3]) @ poses[k, :3, :3]
-            off = np.exp(growth) * local[:, :2] / local[:, 2:] - one.rays[:, :2]
-            shifts[k] = np.linalg.norm(off * views.intrinsics[k, [0, 1], [0, 1]], axis=1).mean()
+            rays = np.concatenate([old_lens.rays(one.rays[:, :2]), one.rays[:, 2:]], axis=1)
+            world = rays * one.depths[:, None] @ old[k, :3, :3].T + old[k, :3, 3]
+            local = (world - new[k, :3, 3]) @ new[k, :3, :3]
+            off = new_lens.shown(local[:, :2] / local[:, 2:]) - one.rays[:, :2]
+            shifts[k] = np.linalg.norm(off * intrinsics[k, [0, 1], [0, 1]], axis=1).mean()
     return shifts

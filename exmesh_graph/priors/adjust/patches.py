@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
+from exmesh_graph.io.lens import LensChange
+
 #: Pixels on a side of the cells of which each gives a patch, and patches of a view at most.
 CELL, MOST = 12, 900
 _PAINT = 0.01  # change of even gray from pixel to pixel
@@ -29,12 +31,13 @@ class Patches:
     def __len__(self) -> int:
         return len(self.depths)
 
-    def zoomed(self, growth: float) -> Patches:
-        """The same pixels of a lens whose focal length is exp(`growth`) times as long: rays close up across the axis,
-        and with them what they see."""
-        across = np.array([np.exp(-growth), np.exp(-growth), 1.0])
-        normals = self.normals / across
-        return replace(self, rays=self.rays * across, normals=normals / np.linalg.norm(normals, axis=1, keepdims=True))
+    def as_shown(self, change: LensChange) -> Patches:
+        """The same pixels before lenses were taken for others: depths stay those of the pixels."""
+        shown = change.shown(self.rays[:, :2])
+        scale = np.linalg.norm(self.rays[:, :2], axis=1) / np.maximum(np.linalg.norm(shown, axis=1), 1e-12)
+        normals = self.normals * np.stack([scale, scale, np.ones(len(scale))], axis=1)
+        rays = np.concatenate([shown, self.rays[:, 2:]], axis=1)
+        return replace(self, rays=rays, normals=normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
 def patches_of(gray: np.ndarray, intrinsics: np.ndarray, depth: np.ndarray, normals: np.ndarray) -> Patches:
