@@ -17,7 +17,7 @@ from exmesh_graph.io.motion import Motion
 from exmesh_graph.io.scene import Scene
 from exmesh_graph.io.train_size import reduced
 from exmesh_graph.priors.adjust import cameras
-from exmesh_graph.priors.adjust.cameras import Adjusted, adjust_cameras
+from exmesh_graph.priors.adjust.cameras import Adjusted, adjust_cameras, seen_through
 from exmesh_graph.priors.adjust.patches import MOST, Patches, patches_of
 from exmesh_graph.priors.adjust.system import level_of, share_of
 from exmesh_graph.priors.patch_match.estimate import Stereo
@@ -194,20 +194,45 @@ def test_right_cameras_stay():
     assert apart(views, adjust_cameras(views).camera_to_world, views.camera_to_world) < 0.05
 
 
+def around(distance):
+    """Twenty-four views of the ball, all around it."""
+    angles = np.radians(15.0 * np.arange(24))
+    eyes = distance * np.stack([np.sin(angles), 0.3 + 0.2 * np.cos(3 * angles), np.cos(angles)], axis=1)
+    return ball(120, np.stack([look_at(eye, np.zeros(3), np.array([0, 1.0, 0])) for eye in eyes]))
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("wrong", [0.97, 1.03])
-def test_a_wrong_focal_length_is_found_where_views_go_around(wrong):
-    """With the cameras where they would show the ball as large. So small pictures leave some of it."""
-    angles = np.radians(15.0 * np.arange(24))
-    eyes = 3 * np.stack([np.sin(angles), 0.3 + 0.2 * np.cos(3 * angles), np.cos(angles)], axis=1)
-    views = ball(120, np.stack([look_at(eye, np.zeros(3), np.array([0, 1.0, 0])) for eye in eyes]))
+def test_a_wrong_focal_length_is_found_where_views_go_around(monkeypatch, wrong):
+    """With the cameras where they would show the ball as large. So small pictures leave some of it; and lenses are
+    held straight, for of a ball in the middle of the picture bending explains most of it as well."""
+    monkeypatch.setattr(cameras, "_BEND", 1e9)
+    views = around(3)
     begun = views.camera_to_world.copy()
     begun[:, :3, 3] *= wrong
-    adjusted = adjust_cameras(
-        replace(views, camera_to_world=begun, intrinsics=LensChange(np.log(wrong)).longer(views.intrinsics))
-    )
+    intrinsics = LensChange(np.log(wrong)).longer(views.intrinsics)
+    adjusted = adjust_cameras(replace(views, camera_to_world=begun, intrinsics=intrinsics))
     assert abs(wrong * adjusted.lens.zoom - 1) < 0.6 * abs(wrong - 1)
     assert np.median(adjusted.moved) < 2  # pixels, not those of a step back
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("bend", [-0.3, 0.3])
+def test_how_much_the_lens_bends_is_found(bend):
+    """Where the ball fills the pictures. They are drawn through the lens here, and straight in the end."""
+    views, change = around(2), LensChange(0.0, bend)
+    matrix, pixels = views.intrinsics[0], np.moveaxis(np.indices((views.height, views.width))[::-1], 0, -1) + 0.5
+    rays = change.rays((pixels - matrix[:2, 2]) / matrix[[0, 1], [0, 1]])
+    at = (rays * matrix[[0, 1], [0, 1]] + matrix[:2, 2] - 0.5)[..., ::-1]
+    images = np.stack([[map_coordinates(c, np.moveaxis(at, -1, 0), order=1, mode="nearest")
+                        for c in np.moveaxis(image, -1, 0)] for image in views.images])  # fmt: skip
+    through = replace(views, images=np.moveaxis(images, 1, -1))
+    adjusted = adjust_cameras(through)
+    assert abs(adjusted.lens.bend - bend) < 0.4 * abs(bend)
+    assert abs(adjusted.lens.growth) < 0.01
+    straight = seen_through(through, adjusted.lens).images
+    off = [np.abs(images - views.images)[:, 10:-10, 10:-10].mean() for images in (through.images, straight)]
+    assert off[1] < 0.6 * off[0]
 
 
 def test_pictures_without_paint_leave_the_cameras_as_they_are():
