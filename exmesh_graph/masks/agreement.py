@@ -9,7 +9,7 @@ import numpy as np
 
 from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.masks.drawn import drawn_outlines
-from exmesh_graph.masks.edges import on_edges
+from exmesh_graph.masks.edges import better_parts, on_edges
 from exmesh_graph.masks.ground import Table
 from exmesh_graph.masks.grown import maybe_shown
 from exmesh_graph.masks.last import Given, healed, opened, undercut
@@ -53,15 +53,16 @@ def agreed_masks(
 ) -> Agreement:
     """Masks of the mesh (vertices [V, 3], faces [F, 3]) by two turns or more, and whether they have a common shape.
 
-    The first turn cuts the drawn mesh to the pictures' edges. The next cuts, in half the band, the visual hull of these
-    masks and of what beside them the colours of most views take for the object's (`grown`); one view of twenty is
-    outvoted, so that views mend each other. Further turns follow while masks grow, and those masks are taken whose
-    outlines lie best on edges of the pictures (`edges`), as those that have leaked into what lies around do not. Where
-    masks no longer grow and some of their outlines lie on no edge, colours are compared with what lies far beside them
-    as well. Last, where outlines then lie better, what three views of twenty-five lack is put back and gaps that masks
-    fill are opened (`last`). A mask of the first turn that the hull does not cover is contradicted, and so is one that
-    is another than their own hull. All of that is done in reduced views; the masks are `refined` at the end. `table` as
-    for `masks_of_surface`; without one, gaps are not looked for.
+    The first turn cuts the drawn mesh to the pictures' edges. The next cuts, in half the band, the visual hull of
+    these masks and of what beside them the colours of most views take for the object's (`grown`); one view of twenty
+    is outvoted, so that views mend each other. Further turns follow while masks grow, and those masks are taken whose
+    outlines lie best on edges of the pictures (`edges`), as those that have leaked into what lies around do not.
+    Where masks no longer grow and some of their outlines lie on no edge, colours are compared with what lies far
+    beside them as well. Last, where outlines then lie better, what three views of twenty-five lack is put back and
+    gaps that masks fill are opened (`last`), or those parts of it by which they do. A mask of the first turn that the
+    hull does not cover is contradicted, and so is one that is another than their own hull. All of that is done in
+    reduced views; the masks are `refined` at the end. `table` as for `masks_of_surface`; without one, gaps are not
+    looked for.
     """
     small = Small.of(views, cutting, table)
     masks, figures, fault = _judged(small, vertices, faces, cutting, settings, progress)
@@ -138,10 +139,14 @@ def _mended(
     given, refused = Given(small, seen, near, finer, told), None
     for step in (healed, healed, undercut, opened):
         changed = None if step is refused else step(given, chosen)
-        if changed is not None and (clear := on_edges(small.shown, changed)) > best:
+        if changed is None:
+            continue
+        clear = on_edges(small.shown, changed)
+        if clear <= best:  # not the whole of it
+            refused, changed = step, better_parts(small.shown, chosen, changed)
+            clear = on_edges(small.shown, changed)
+        if clear > best:
             best, chosen = clear, changed
-        else:
-            refused = step
     return chosen, kept, near
 
 

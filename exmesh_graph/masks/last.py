@@ -1,5 +1,5 @@
 """What is mended in masks last, once their common shape is known: each step gives other masks, or None, and they are
-taken where outlines then lie better on edges (`agreement`).
+taken, or parts of them, where outlines then lie better on edges (`agreement`).
 
 Several views may bite the same piece off, where the object looks like what lies behind it. And masks fill what is
 narrow or seen from few sides: gaps between rods, the space below a rim or beside a neck. That views look through there

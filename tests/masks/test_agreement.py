@@ -141,6 +141,26 @@ def test_masks_are_healed_where_outlines_then_lie_better(ball, monkeypatch, more
     assert found.masks.all() == more
 
 
+def test_of_a_step_that_is_no_better_those_parts_are_taken_that_are(ball, monkeypatch):
+    def both_ways(given, masks):
+        changed = ball.masks.copy()
+        rows = np.argwhere(changed[5])[:, 0]
+        changed[5, : int(np.quantile(rows, 0.6))] = False  # and a large piece across the ball is gone
+        return changed
+
+    real = agreement.small_masks
+
+    def bitten(*arguments, **named):
+        masks = real(*arguments, **named)
+        masks[2, : int(np.quantile(np.argwhere(masks[2])[:, 0], 0.2))] = False
+        return masks
+
+    monkeypatch.setattr(agreement, "small_masks", bitten)
+    monkeypatch.setattr(agreement, "healed", both_ways)
+    found = agreed_masks(ball.views, *ball.ball, CUTTING, CHECKS)
+    assert overlap(found.masks, ball.masks)[[2, 5]].min() > 0.95
+
+
 def test_the_common_shape_is_found_wherever_the_world_puts_it(ball):
     views, _, masks, (vertices, _) = ball
     hull = common_shape(views, masks, vertices)
