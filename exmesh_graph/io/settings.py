@@ -197,8 +197,8 @@ class PhotosOptions(TrainSize, MotionSettings):
     )
     adjust: bool = param(
         True,
-        doc="Adjust the cameras found and their focal lengths until the photographs agree pixel by pixel; not with "
-        "masks, nor on turntables.",
+        doc="Adjust the cameras found, their focal lengths and how much lenses bend until the photographs agree pixel "
+        "by pixel; not with masks, nor on turntables.",
     )
     vignetting: bool = param(
         False,
