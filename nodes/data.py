@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -25,7 +25,7 @@ from exmesh_graph.types.pictures import kept_in
 if TYPE_CHECKING:
     import numpy as np
 
-    from exmesh_graph.io.lens import LensChange
+    from exmesh_graph.io.placed import Placed
     from exmesh_graph.io.scene import Scene
     from exmesh_graph.priors.adjust.cameras import Adjusted
     from exmesh_graph.priors.patch_match.estimate import Stereo
@@ -219,17 +219,17 @@ def photos(ctx: Context, *, p: PhotosParams) -> PhotosOut:
         f"points, reprojection error {motion.error:.2f} px, focal length {figures['focal']:.0f} px {known}"
     )
     if not motion.turned:  # what turns before lamps that stand still looks another in each picture
-        adjust = p.adjust and motion.found and not scene.train.has_masks
-        scene = _compared(ctx, scene, placed.scene, points, figures, p, adjust)
+        # cut out by alpha, or turned before its room, an object stands in no surroundings to compare
+        adjust = p.adjust and motion.found and p.keep == "all" and not placed.alpha
+        scene = _compared(ctx, scene, placed, points, figures, p, adjust)
     return PhotosOut(*_views(ctx, scene), points, Metrics(figures))
 
 
 def _compared(
-    ctx: Context, scene: Scene, again: Callable[[LensChange], Scene], points: PointCloud, figures: dict[str, Any],
-    p: PhotosParams, adjust: bool,
+    ctx: Context, scene: Scene, placed: Placed, points: PointCloud, figures: dict[str, Any], p: PhotosParams,
+    adjust: bool,
 ) -> Scene:  # fmt: skip
-    """The scene after what its photographs say when they are compared pixel by pixel; `again` makes it of others'
-    lenses."""
+    """The scene after what its photographs say when they are compared pixel by pixel, whole ones where it has masks."""
     import numpy as np
 
     from exmesh_graph.io.lens import UNCHANGED
@@ -239,10 +239,12 @@ def _compared(
         return scene
     stereo = None
     if adjust:
-        adjusted = _adjusted(ctx, together(scene.train, scene.test), points, figures, p)
+        with kept_in(ctx.scratch):
+            whole = placed.scene(world=scene.frame, masks=False) if scene.train.has_masks else scene
+        adjusted = _adjusted(ctx, together(whole.train, whole.test), points, figures, p)
         if adjusted.lens != UNCHANGED:
             with kept_in(ctx.scratch):
-                scene = again(adjusted.lens)
+                scene = placed.scene(adjusted.lens, scene.frame)
         names = scene.train.names + scene.test.names
         train, test = with_cameras(scene.train, scene.test, adjusted.camera_to_world)
         scene = replace(scene, train=train, test=test)

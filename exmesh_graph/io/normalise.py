@@ -27,6 +27,11 @@ def make_frame(centre: np.ndarray, radius: float, rotation: np.ndarray, metres_p
     return Frame(similarity, rotation.T.copy(), metres_per_unit)
 
 
+def sphere_of(frame: Frame) -> tuple[np.ndarray, float]:
+    """(centre [3], radius) in the data set's axes and units that `make_frame` makes the frame of."""
+    return frame.dataset_from_scene[:3, :3] @ frame.scene_from_normalised[:3, 3], FILL * frame_scale(frame)
+
+
 def frame_scale(frame: Frame) -> float:
     """Scene units in one normalised unit."""
     return float(np.cbrt(np.linalg.det(frame.scene_from_normalised[:3, :3])))

@@ -120,8 +120,8 @@ def place_photos(
             )
     else:
         motion = _motion(working, options, work, seed, tell)
-    masked = any(one.mask is not None or _has_alpha(one.image) for one in working)
-    return Placed(path, options, working, replace(motion, dropped=dropped), masked, notes)
+    alpha = any(_has_alpha(one.image) for one in working)
+    return Placed(path, options, working, replace(motion, dropped=dropped), alpha, notes)
 
 
 def _listed(path: Path, options: PhotosOptions, work: Path) -> tuple[list[tuple[Path, Path | None]], list[str]]:

@@ -11,7 +11,7 @@ import numpy as np
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.lens import UNCHANGED, AnyLens, Changed, LensChange
 from exmesh_graph.io.motion import Motion
-from exmesh_graph.io.normalise import nearest_point, points_to_normalised, some
+from exmesh_graph.io.normalise import nearest_point, points_to_normalised, some, sphere_of
 from exmesh_graph.io.one_size import brought_note
 from exmesh_graph.io.settings import PhotosOptions
 from exmesh_graph.io.shots import Shot, split
@@ -29,35 +29,38 @@ _NEAR, _ROOM, _OUTSIDE = 0.7, 1.05, 0.8
 
 @dataclass(frozen=True)
 class Placed:
-    """Pictures of `path` with cameras, not read yet, and what is to be said of them. `masked`: some have masks."""
+    """Pictures of `path` with cameras, not read yet, and what is to be said of them. `alpha`: that of some pictures is
+    their mask, so that what lies beyond it is gone."""
 
     path: Path
     options: PhotosOptions
     working: list[Working]
     motion: Motion
-    masked: bool
+    alpha: bool
     notes: list[str]
 
-    def scene(self, change: LensChange = UNCHANGED) -> Scene:
-        """Views through lenses that are other than those found by `change`, in a world that does not depend on it.
+    def scene(self, change: LensChange = UNCHANGED, world: Frame | None = None, *, masks: bool = True) -> Scene:
+        """Views through lenses that are other than those found by `change`, with or without their `masks`.
 
-        The world is Y-up by level cameras, by the mean of the cameras' up where these do not tell. Its sphere comes
-        from the masks, where there are any, else from the sparse points that the cameras look at.
+        The world, unless it is given, is Y-up by level cameras, by the mean of the cameras' up where these do not tell.
+        Its sphere comes from the masks, where there are any, else from the sparse points that the cameras look at.
         """
         from exmesh_graph.io.scene import load_scene
 
         motion, options = self.motion, self.options
         shots, sized = self._shots(change)
+        shots = shots if masks else [replace(shot, mask=None) for shot in shots]
         turn, turned = self._upright()
         poses = turn @ np.stack([shot.camera_to_world for shot in shots])
         parts = split([replace(s, camera_to_world=pose) for s, pose in zip(shots, poses, strict=True)],
                       options.holdout, options.first, self.path)  # fmt: skip
-        known = len(motion.points) > 0 or motion.found
-        points = motion.points @ turn[:3, :3].T
-        sphere = object_sphere(points, motion.tracks, poses) if known and not self.masked else None
+        masked = self.alpha or any(shot.mask is not None for shot in shots)
+        sphere = None if world is None else sphere_of(world)
+        if sphere is None and not masked and (len(motion.points) or motion.found):
+            sphere = object_sphere(motion.points @ turn[:3, :3].T, motion.tracks, poses)
         scene = load_scene(
             *parts, up="y", downscale=options.downscale, wrong_masks=options.wrong_masks, sphere=sphere,
-            checks=options.checks, size=options,
+            checks=options.checks if masks else "off", size=options,
         )  # fmt: skip
         scene.notes.extend(
             [*self.notes, *(note for note in (sized, turned) if note), *_told(motion, len(self.working))]

@@ -68,14 +68,19 @@ def folder(tmp_path_factory):
     return root
 
 
-def found(folder, work, **changes):
+def placed(folder, work, **changes):
     pytest.importorskip("pycolmap", reason="pip install 'exmesh-graph[photos]'")
     work.mkdir()
-    return of_placed(place_photos(folder, PhotosOptions(**changes), work))
+    return place_photos(folder, PhotosOptions(**changes), work)
+
+
+def found(folder, work, **changes):
+    return of_placed(placed(folder, work, **changes))
 
 
 def test_cameras_and_points_are_found_and_repeat_to_the_byte(folder, tmp_path):
-    scene, points, motion = found(folder, tmp_path / "a")
+    photos = placed(folder, tmp_path / "a")
+    scene, points, motion = of_placed(photos)
     assert sorted(motion.camera_to_world) == [f"p{i}.png" for i in range(COUNT)]
     assert motion.left_out == ("p9.png",)
     assert any("p9.png" in note for note in scene.notes)
@@ -88,6 +93,13 @@ def test_cameras_and_points_are_found_and_repeat_to_the_byte(folder, tmp_path):
     assert scene.test.names == ("p3",)
     assert len(points) > 100
     assert np.linalg.norm(points.points, axis=1).max() < 1  # the hull of nine views from one side holds the ball
+    assert not photos.alpha
+    whole = photos.scene(world=scene.frame, masks=False)  # the same world with what lies around the ball
+    assert (scene.train.has_masks, whole.train.has_masks) == (True, False)
+    assert np.array_equal(whole.train.camera_to_world, scene.train.camera_to_world)
+    outside = np.asarray(scene.train.alpha) == 0
+    assert not np.asarray(scene.train.images)[outside].any()
+    assert np.asarray(whole.train.images)[outside].any(axis=1).mean() > 0.9
     again = found(folder, tmp_path / "b")
     assert np.array_equal(again[1].points, points.points)
     assert np.array_equal(again[0].train.camera_to_world, scene.train.camera_to_world)

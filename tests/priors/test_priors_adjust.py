@@ -298,13 +298,13 @@ def test_no_patches_are_an_empty_share():
 
 
 class Known:
-    """Photographs with cameras, and how often they were read."""
+    """Photographs with cameras, and how they were read."""
 
-    def __init__(self, scene, motion):
-        self.made, self.motion, self.changes = scene, motion, []
+    def __init__(self, scene, motion, *, alpha=False):
+        self.made, self.motion, self.alpha, self.read = scene, motion, alpha, []
 
-    def scene(self, change=UNCHANGED):
-        self.changes.append(change)
+    def scene(self, change=UNCHANGED, world=None, *, masks=True):
+        self.read.append((change, masks))
         return self.made
 
     def points(self, frame):
@@ -315,31 +315,33 @@ class Known:
 @pytest.mark.parametrize(
     ("parameters", "motion", "masks", "done"),
     [
-        ({}, {}, False, True),
-        ({"adjust": False}, {}, False, False),
-        ({}, {"turned": True}, False, False),  # what stands still would hold the cameras
-        ({}, {"matching": ""}, False, False),  # another program's cameras are used as they are
-        ({}, {}, True, False),
+        ({}, {}, "", True),
+        ({"adjust": False}, {}, "", False),
+        ({}, {"turned": True}, "", False),  # what stands still would hold the cameras
+        ({"keep": "object"}, {}, "files", False),  # so it would here
+        ({}, {"matching": ""}, "", False),  # another program's cameras are used as they are
+        ({}, {}, "alpha", False),  # what lies beyond it is gone
+        ({}, {}, "files", True),
     ],
 )
 def test_photographs_have_their_cameras_adjusted_where_nothing_speaks_against_it(
     monkeypatch, tmp_path, parameters, motion, masks, done
 ):
-    views = ball(96)
-    if masks:
-        views = replace(views, has_masks=True)
+    views = replace(ball(96), has_masks=bool(masks))
     begun = replace(views, camera_to_world=disturbed(views.camera_to_world))
     train, test = begun.subset(range(1, COUNT)), replace(begun.subset([0]), split="test")
     nothing = np.zeros((0, 3), np.float32)
     scene = Scene(train, test, Frame(np.eye(4), np.eye(4)))
     found = Motion({}, {}, (), nothing, nothing, np.zeros(0), (), 0.5, True, "incremental", **motion)
+    known = Known(scene, found, alpha=masks == "alpha")
     monkeypatch.setattr(Motion, "figures", lambda self: {"registered": 9, "pictures": 9, "focal": 150.0})
-    monkeypatch.setattr(photos, "place_photos", lambda *given: Known(scene, found))
+    monkeypatch.setattr(photos, "place_photos", lambda *given: known)
     context = FakeContext(scratch=tmp_path)
     out = data.photos(context, p=data.PhotosParams(path=tmp_path, **parameters))
     assert done == any("cameras adjusted" in line for line in context.lines)
     assert not any("cameras stay" in line for line in context.lines)
     assert done == ("adjusted_px" in out.cameras.values)
+    assert [masked for _, masked in known.read] == ([True, *[False] * (masks == "files"), True] if done else [True])
     for after, before in ((out.train, train), (out.test, test)):
         assert done != np.array_equal(after.camera_to_world, before.camera_to_world)
         assert (after.names, after.split) == (before.names, before.split)
@@ -386,8 +388,8 @@ def test_a_camera_that_went_astray_is_left_out_by_name(tmp_path):
     figures = {"registered": COUNT, "left_out": ["other"], "focal": 100.0}
     p = data.PhotosParams(path=tmp_path, vignetting=False)
     known = Known(scene, None)
-    after = data._compared(context, scene, known.scene, PointCloud(nothing, nothing), figures, p, True)
-    assert len(known.changes) == 1
+    after = data._compared(context, scene, known, PointCloud(nothing, nothing), figures, p, True)
+    assert len(known.read) == 1
     assert set(scene.train.names) - set(after.train.names) == {views.names[4]}
     assert after.test.names == scene.test.names
     assert (figures["registered"], figures["left_out"]) == (COUNT - 1, ["other", views.names[4]])
