@@ -218,16 +218,15 @@ def photos(ctx: Context, *, p: PhotosParams) -> PhotosOut:
         f"cameras of {figures['registered']} of {figures['pictures']} pictures ({motion.told}), {len(points)} "
         f"points, reprojection error {motion.error:.2f} px, focal length {figures['focal']:.0f} px {known}"
     )
-    if not motion.turned:  # what turns before lamps that stand still looks another in each picture
-        # cut out by alpha, or turned before its room, an object stands in no surroundings to compare
-        adjust = p.adjust and motion.found and p.keep == "all" and not placed.alpha
-        scene = _compared(ctx, scene, placed, points, figures, p, adjust)
+    adjust = p.adjust and motion.found and not placed.alpha  # beyond alpha all is gone
+    # what turns before lamps that stand still is as bright in no two pictures
+    scene = _compared(ctx, scene, placed, points, figures, p, adjust, p.vignetting and not motion.turned)
     return PhotosOut(*_views(ctx, scene), points, Metrics(figures))
 
 
 def _compared(
     ctx: Context, scene: Scene, placed: Placed, points: PointCloud, figures: dict[str, Any], p: PhotosParams,
-    adjust: bool,
+    adjust: bool, vignetting: bool,
 ) -> Scene:  # fmt: skip
     """The scene after what its photographs say when they are compared pixel by pixel, whole ones where it has masks."""
     import numpy as np
@@ -235,8 +234,6 @@ def _compared(
     from exmesh_graph.io.lens import UNCHANGED
     from exmesh_graph.priors.together import together, with_cameras
 
-    if not (adjust or p.vignetting):
-        return scene
     stereo = None
     if adjust:
         with kept_in(ctx.scratch):
@@ -252,7 +249,7 @@ def _compared(
             stereo = adjusted.stereo.of(np.flatnonzero(~adjusted.astray))
         if adjusted.astray.any():
             scene = _without(ctx, scene, names, adjusted.astray, figures)
-    if not p.vignetting:
+    if not vignetting:
         return scene
     return _even(ctx, scene, together(scene.train, scene.test), stereo, points, figures, p)
 

@@ -198,7 +198,7 @@ class PhotosOptions(TrainSize, MotionSettings):
     adjust: bool = param(
         True,
         doc="Adjust the cameras found, their focal lengths and how much lenses bend until the photographs agree pixel "
-        "by pixel; not where alpha cuts objects out, nor on turntables.",
+        "by pixel; not where alpha cuts objects out.",
     )
     vignetting: bool = param(
         False,

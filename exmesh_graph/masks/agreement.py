@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from exmesh_graph.errors import DataError, GeometryError
+from exmesh_graph.masks.confirmed import confirmed
 from exmesh_graph.masks.drawn import drawn_outlines
 from exmesh_graph.masks.edges import better_parts, on_edges
 from exmesh_graph.masks.ground import Table
@@ -137,6 +138,9 @@ def _mended(
             if parts.pop(0) is None:  # the other way from the start: what one way has found bends the other
                 masks, near, here = first, vertices, -1.0
     given, refused = Given(small, seen, near, finer, told), None
+    more = confirmed(given, chosen)
+    if more is not None and (clear := on_edges(small.shown, more)) > best - _WORSE:
+        best, chosen = clear, more  # thin things lie less well on edges
     for step in (healed, healed, undercut, opened):
         changed = None if step is refused else step(given, chosen)
         if changed is None:

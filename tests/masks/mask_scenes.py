@@ -8,11 +8,17 @@ import numpy as np
 import torch
 
 from exmesh_graph.geometry.shapes import icosphere
+from exmesh_graph.masks.ground import Table
+from exmesh_graph.masks.last import Given
+from exmesh_graph.masks.outlines import Small
+from exmesh_graph.masks.plane import Plane
+from exmesh_graph.masks.settings import CutSettings
 from exmesh_graph.raster import rasterize
 from exmesh_graph.testing import look_at
 from exmesh_graph.types import DepthMaps, Views
 
 GROUND = -0.35
+SIDE = 96
 
 
 class Scene(NamedTuple):
@@ -65,3 +71,38 @@ def disc(radius: float, height: float = GROUND, sides: int = 32) -> tuple[np.nda
 def overlap_of(first: np.ndarray, second: np.ndarray) -> float:
     """Intersection over union of two masks."""
     return float((first & second).sum() / (first | second).sum())
+
+
+def box(low, high):
+    """A closed box: vertices float32 [8, 3], faces int32 [12, 3]."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+    faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+             [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]  # fmt: skip
+    return (np.asarray(low) + corners * (np.asarray(high) - low)).astype(np.float32), np.array(faces, np.int32)
+
+
+def stood(parts, whole, heights):
+    """16 views of red boxes, each before a wall of its own colour, from so many degrees above, in turns; depth is that
+    of the box `whole` around them, if given: (what masks are mended by, true masks, masks of `whole`)."""
+    made = [box(*part) for part in parts]
+    vertices = np.concatenate([b[0] for b in made])
+    true = vertices, np.concatenate([b[1] + 8 * k for k, b in enumerate(made)])
+    filled = true if whole is None else box(*whole)
+    count = 16
+    turn, height = 2 * np.pi * np.arange(count) / count, np.radians(np.resize(heights, count))
+    eyes = 2.6 * np.stack([np.cos(height) * np.sin(turn), np.sin(height), np.cos(height) * np.cos(turn)], 1)
+    poses = np.stack([look_at(eye) for eye in eyes])
+    k = np.repeat(np.array([[[2.0 * SIDE, 0, SIDE / 2], [0, 2.0 * SIDE, SIDE / 2], [0, 0, 1]]]), count, 0)
+    cameras = torch.from_numpy(k), torch.from_numpy(np.linalg.inv(poses))
+    one, other = (rasterize(*map(torch.from_numpy, mesh), *cameras, SIDE, SIDE) for mesh in (true, filled))
+    masks, filling = (seen.face_id.numpy() >= 0 for seen in (one, other))
+    rng = np.random.default_rng(1)
+    walls = rng.uniform(0.1, 0.9, (count, 1, 1, 3)) * [0.3, 1, 1]
+    images = np.where(masks[..., None], [0.5, 0.02, 0.02], walls) + rng.normal(0, 0.01, (*masks.shape, 3))
+    names = tuple(f"v{i}" for i in range(count))
+    views = Views(names, images.clip(0, 1).astype(np.float32), np.ones(masks.shape, np.float32), k, poses, "train",
+                  has_masks=False)  # fmt: skip
+    table = Table(Plane(np.array([0.0, 1.0, 0.0]), GROUND, 0.0), DepthMaps(names, other.depth.numpy()))
+    cutting = CutSettings(band=2)
+    given = Given(Small.of(views, cutting, table), np.ones(count, bool), filled[0], cutting)
+    return given, masks, filling

@@ -141,6 +141,19 @@ def test_masks_are_healed_where_outlines_then_lie_better(ball, monkeypatch, more
     assert found.masks.all() == more
 
 
+@pytest.mark.parametrize("leaks", [False, True])
+def test_what_stereo_confirms_is_taken_unless_it_leaks(ball, monkeypatch, leaks):
+    """Outlines of thin parts lie less well on edges."""
+    more = ball.masks.copy()
+    more[:, 40:, :] |= leaks
+    more[:, 2, 2] = True
+    monkeypatch.setattr(agreement, "confirmed", lambda given, masks: more)
+    for step in ("healed", "undercut", "opened"):
+        monkeypatch.setattr(agreement, step, lambda given, masks: None)
+    found = agreed_masks(ball.views, *ball.ball, CUTTING, CHECKS)
+    assert found.masks[:, 2, 2].all() == (not leaks)
+
+
 def test_of_a_step_that_is_no_better_those_parts_are_taken_that_are(ball, monkeypatch):
     def both_ways(given, masks):
         changed = ball.masks.copy()

@@ -317,8 +317,7 @@ class Known:
     [
         ({}, {}, "", True),
         ({"adjust": False}, {}, "", False),
-        ({}, {"turned": True}, "", False),  # what stands still would hold the cameras
-        ({"keep": "object"}, {}, "files", False),  # so it would here
+        ({}, {"turned": True}, "", True),
         ({}, {"matching": ""}, "", False),  # another program's cameras are used as they are
         ({}, {}, "alpha", False),  # what lies beyond it is gone
         ({}, {}, "files", True),
@@ -388,7 +387,7 @@ def test_a_camera_that_went_astray_is_left_out_by_name(tmp_path):
     figures = {"registered": COUNT, "left_out": ["other"], "focal": 100.0}
     p = data.PhotosParams(path=tmp_path, vignetting=False)
     known = Known(scene, None)
-    after = data._compared(context, scene, known, PointCloud(nothing, nothing), figures, p, True)
+    after = data._compared(context, scene, known, PointCloud(nothing, nothing), figures, p, True, False)
     assert len(known.read) == 1
     assert set(scene.train.names) - set(after.train.names) == {views.names[4]}
     assert after.test.names == scene.test.names
