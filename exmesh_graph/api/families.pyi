@@ -258,7 +258,7 @@ class _Data(Family):
         train_megapixels: Of all training pictures together at most, by such a factor; 0: no limit. [Mpx, >= 0]
         keep: Find cameras by the whole picture, or (turntable) by what the masks show only.
         cameras: auto: those of COLMAP, nerfstudio, Metashape or RealityScan where their files lie in the folder, else found from the pictures; file: these, or an error; find: found from the pictures.
-        adjust: Adjust the cameras found, their focal lengths and how much lenses bend until the photographs agree pixel by pixel; not with masks, nor on turntables.
+        adjust: Adjust the cameras found, their focal lengths and how much lenses bend until the photographs agree pixel by pixel; not where alpha cuts objects out.
         vignetting: Take out by how much the lens darkens pictures towards their corners, where they show it beyond doubt; not on turntables.
         masks: Use masks where they are there.
         frames: Frames of a video: the sharpest of so many equal parts of the way that its pictures move. [>= 3]
