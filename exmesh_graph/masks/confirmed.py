@@ -52,7 +52,7 @@ def confirmed_beside(small: Small, table: Table, masks: np.ndarray, near: np.nda
         far = depth[view] / (rays @ views.world_to_camera[view][2, :3])
         places = views.camera_to_world[view][:3, 3] + far[..., None] * rays
         above = places @ table.plane.normal - table.plane.offset > _ABOVE * size
-        return np.where((above & (depth[view] > 0))[..., None], places, np.inf)
+        return np.where((above & (depth[view] > 0))[..., None], places, np.inf).astype(np.float32)
 
     places = np.stack(share(looked_at, range(len(masks))))
     inside = ((places > low) & (places < high)).all(axis=-1)

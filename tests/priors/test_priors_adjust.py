@@ -17,7 +17,7 @@ from exmesh_graph.io.motion import Motion
 from exmesh_graph.io.scene import Scene
 from exmesh_graph.io.train_size import reduced
 from exmesh_graph.priors.adjust import cameras
-from exmesh_graph.priors.adjust.cameras import Adjusted, adjust_cameras, seen_through
+from exmesh_graph.priors.adjust.cameras import Adjusted, adjust_cameras, through_lens
 from exmesh_graph.priors.adjust.patches import MOST, Patches, patches_of
 from exmesh_graph.priors.adjust.system import level_of, share_of
 from exmesh_graph.priors.patch_match.estimate import Stereo
@@ -230,7 +230,7 @@ def test_how_much_the_lens_bends_is_found(bend):
     adjusted = adjust_cameras(through)
     assert abs(adjusted.lens.bend - bend) < 0.4 * abs(bend)
     assert abs(adjusted.lens.growth) < 0.01
-    straight = seen_through(through, adjusted.lens).images
+    straight = through_lens(through, adjusted.lens).images
     off = [np.abs(images - views.images)[:, 10:-10, 10:-10].mean() for images in (through.images, straight)]
     assert off[1] < 0.6 * off[0]
 

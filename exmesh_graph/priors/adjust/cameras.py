@@ -112,13 +112,13 @@ def adjust_cameras(
             alike = _each(told[1])
             far = _moved(done.camera_to_world, lens, patches, poses, new, views.intrinsics).max()
             moved = _moved(views.camera_to_world, UNCHANGED, patches, poses, new, views.intrinsics)
-            lens, done = new, replace(seen_through(views, new), camera_to_world=poses)
+            lens, done = new, replace(through_lens(views, new), camera_to_world=poses)
             if far < _FAR:
                 break
     return Adjusted(done.camera_to_world, lens, moved, (agreement[0], agreement[-1]), stereo, alike)
 
 
-def seen_through(views: Views, lens: LensChange) -> Views:
+def through_lens(views: Views, lens: LensChange) -> Views:
     """Views as they are if their lenses are other than they were taken for."""
     intrinsics = lens.longer(views.intrinsics)
     if not lens.bend:
