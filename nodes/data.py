@@ -231,20 +231,19 @@ def _compared(
     """The scene after what its photographs say when they are compared pixel by pixel, whole ones where it has masks."""
     import numpy as np
 
-    from exmesh_graph.io.lens import UNCHANGED
-    from exmesh_graph.priors.together import together, with_cameras
+    from exmesh_graph.io.placed import Adjustment
+    from exmesh_graph.priors.together import together
 
     stereo = None
     if adjust:
         with kept_in(ctx.scratch):
             whole = placed.scene(world=scene.frame, masks=False) if scene.train.has_masks else scene
         adjusted = _adjusted(ctx, together(whole.train, whole.test), points, figures, p)
-        if adjusted.lens != UNCHANGED:
-            with kept_in(ctx.scratch):
-                scene = placed.scene(adjusted.lens, scene.frame)
         names = scene.train.names + scene.test.names
-        train, test = with_cameras(scene.train, scene.test, adjusted.camera_to_world)
-        scene = replace(scene, train=train, test=test)
+        if adjusted.moved.any():
+            cameras = dict(zip(names, adjusted.camera_to_world, strict=True))
+            with kept_in(ctx.scratch):
+                scene = placed.scene(world=scene.frame, after=Adjustment(cameras, adjusted.lens))
         if adjusted.lens.bend == 0:  # else its pixels are others
             stereo = adjusted.stereo.of(np.flatnonzero(~adjusted.astray))
         if adjusted.astray.any():

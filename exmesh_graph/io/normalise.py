@@ -51,6 +51,15 @@ def cameras_to_normalised(camera_to_world: np.ndarray, frame: Frame) -> np.ndarr
     return out
 
 
+def cameras_from_normalised(camera_to_world: np.ndarray, frame: Frame) -> np.ndarray:
+    """float64 [N, 4, 4] rigid poses in the data set's world of rigid poses in the normalised world."""
+    out = np.array(camera_to_world, dtype=np.float64)
+    matrix = frame.dataset_from_scene @ frame.scene_from_normalised
+    out[:, :3, :3] = frame.dataset_from_scene[:3, :3] @ out[:, :3, :3]
+    out[:, :3, 3] = out[:, :3, 3] @ matrix[:3, :3].T + matrix[:3, 3]
+    return out
+
+
 def nearest_point(origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
     """Point with the least sum of squared distances to N lines (origins, unit directions [N, 3]).
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.lens import UNCHANGED, AnyLens, Changed, LensChange
 from exmesh_graph.io.motion import Motion
-from exmesh_graph.io.normalise import nearest_point, points_to_normalised, some, sphere_of
+from exmesh_graph.io.normalise import cameras_from_normalised, nearest_point, points_to_normalised, some, sphere_of
 from exmesh_graph.io.one_size import brought_note
 from exmesh_graph.io.settings import PhotosOptions
 from exmesh_graph.io.shots import Shot, split
@@ -27,6 +28,13 @@ _STRAIGHT = 0.05  # pixels
 _NEAR, _ROOM, _OUTSIDE = 0.7, 1.05, 0.8
 
 
+class Adjustment(NamedTuple):
+    """Camera-to-world float64 [4, 4] by the view's name, in the normalised world; and what lenses are other."""
+
+    camera_to_world: Mapping[str, np.ndarray]
+    lens: LensChange
+
+
 @dataclass(frozen=True)
 class Placed:
     """Pictures of `path` with cameras, not read yet, and what is to be said of them. `alpha`: that of some pictures is
@@ -39,8 +47,9 @@ class Placed:
     alpha: bool
     notes: list[str]
 
-    def scene(self, change: LensChange = UNCHANGED, world: Frame | None = None, *, masks: bool = True) -> Scene:
-        """Views through lenses that are other than those found by `change`, with or without their `masks`.
+    def scene(self, *, masks: bool = True, world: Frame | None = None, after: Adjustment | None = None) -> Scene:
+        """Views with or without their `masks`, of the cameras and lenses that were found or, in that `world`, of those
+        they are `after` all.
 
         The world, unless it is given, is Y-up by level cameras, by the mean of the cameras' up where these do not tell.
         Its sphere comes from the masks, where there are any, else from the sparse points that the cameras look at.
@@ -48,10 +57,12 @@ class Placed:
         from exmesh_graph.io.scene import load_scene
 
         motion, options = self.motion, self.options
-        shots, sized = self._shots(change)
+        shots, sized = self._shots(UNCHANGED if after is None else after.lens)
         shots = shots if masks else [replace(shot, mask=None) for shot in shots]
         turn, turned = self._upright()
         poses = turn @ np.stack([shot.camera_to_world for shot in shots])
+        if world is not None and after is not None:
+            poses = cameras_from_normalised(np.stack([after.camera_to_world[shot.name] for shot in shots]), world)
         parts = split([replace(s, camera_to_world=pose) for s, pose in zip(shots, poses, strict=True)],
                       options.holdout, options.first, self.path)  # fmt: skip
         masked = self.alpha or any(shot.mask is not None for shot in shots)

@@ -1,4 +1,4 @@
-"""Training and test views as one set of small pictures, and cameras given back to each."""
+"""Training and test views as one set of small pictures."""
 
 from __future__ import annotations
 
@@ -24,9 +24,3 @@ def together(train: Views, test: Views) -> Views:
         for name in ("images", "alpha", "intrinsics", "camera_to_world")
     }
     return replace(parts[0], names=tuple(name for part in parts for name in part.names), **joined)
-
-
-def with_cameras(train: Views, test: Views, camera_to_world: np.ndarray) -> tuple[Views, Views]:
-    """Both under cameras float64 [N, 4, 4], those of training views first."""
-    first, second = np.split(camera_to_world, [len(train)])
-    return replace(train, camera_to_world=first), replace(test, camera_to_world=second)

@@ -21,7 +21,7 @@ from exmesh_graph.priors.adjust.cameras import Adjusted, adjust_cameras, through
 from exmesh_graph.priors.adjust.patches import MOST, Patches, patches_of
 from exmesh_graph.priors.adjust.system import level_of, share_of
 from exmesh_graph.priors.patch_match.estimate import Stereo
-from exmesh_graph.priors.together import together, with_cameras
+from exmesh_graph.priors.together import together
 from exmesh_graph.testing import FakeContext
 from exmesh_graph.types import DepthMaps, Frame, PointCloud, Views
 from tests.io.io_scenes import look_at
@@ -263,11 +263,6 @@ def test_training_and_test_views_are_compared_together_at_one_size():
     np.testing.assert_array_equal(all_views.images[:7], half.images)
     np.testing.assert_array_equal(all_views.images[7:], reduced(test, 2).images)
     np.testing.assert_array_equal(all_views.intrinsics[7:], reduced(test, 2).intrinsics)
-    moved = all_views.camera_to_world + 1
-    train, after = with_cameras(half, test, moved)
-    assert (train.images is half.images, after.images is test.images) == (True, True)
-    np.testing.assert_array_equal(train.camera_to_world, moved[:7])
-    np.testing.assert_array_equal(after.camera_to_world, moved[7:])
     assert together(half, test.subset([])).names == half.names
 
 
@@ -303,9 +298,13 @@ class Known:
     def __init__(self, scene, motion, *, alpha=False):
         self.made, self.motion, self.alpha, self.read = scene, motion, alpha, []
 
-    def scene(self, change=UNCHANGED, world=None, *, masks=True):
-        self.read.append((change, masks))
-        return self.made
+    def scene(self, *, masks=True, world=None, after=None):
+        self.read.append((after is not None, masks))
+        if after is None:
+            return self.made
+        parts = [replace(part, camera_to_world=np.stack([after.camera_to_world[name] for name in part.names]))
+                 for part in (self.made.train, self.made.test)]  # fmt: skip
+        return replace(self.made, train=parts[0], test=parts[1])
 
     def points(self, frame):
         nothing = np.zeros((0, 3), np.float32)
@@ -340,7 +339,8 @@ def test_photographs_have_their_cameras_adjusted_where_nothing_speaks_against_it
     assert done == any("cameras adjusted" in line for line in context.lines)
     assert not any("cameras stay" in line for line in context.lines)
     assert done == ("adjusted_px" in out.cameras.values)
-    assert [masked for _, masked in known.read] == ([True, *[False] * (masks == "files"), True] if done else [True])
+    whole = [(False, False)] if masks == "files" else []
+    assert known.read == ([(False, True), *whole, (True, True)] if done else [(False, True)])
     for after, before in ((out.train, train), (out.test, test)):
         assert done != np.array_equal(after.camera_to_world, before.camera_to_world)
         assert (after.names, after.split) == (before.names, before.split)
