@@ -268,7 +268,7 @@ def test_photographs_lose_their_vignetting_where_they_show_some(monkeypatch, tmp
     scene = Scene(shown.subset(range(1, 9)), replace(shown.subset([0]), split="test"), Frame(np.eye(4), np.eye(4)))
     context, figures, nothing = FakeContext(scratch=tmp_path), {}, np.zeros((0, 3), np.float32)
     p = data.PhotosParams(path=tmp_path, vignetting=parameter)
-    after = data._compared(context, scene, PointCloud(nothing, nothing), figures, p, False)
+    after = data._compared(context, scene, None, PointCloud(nothing, nothing), figures, p, False, parameter)
     assert found == any("vignetting taken out of 9 pictures" in line for line in context.lines)
     assert (figures.get("vignetting", 0) > 0.2) == found
     assert ("vignetting" in figures) == parameter
