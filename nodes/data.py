@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -25,7 +25,6 @@ from exmesh_graph.types.pictures import kept_in
 if TYPE_CHECKING:
     import numpy as np
 
-    from exmesh_graph.io.placed import Placed
     from exmesh_graph.io.scene import Scene
     from exmesh_graph.priors.adjust.cameras import Adjusted
     from exmesh_graph.priors.patch_match.estimate import Stereo
@@ -220,15 +219,16 @@ def photos(ctx: Context, *, p: PhotosParams) -> PhotosOut:
     )
     adjust = p.adjust and motion.found and not placed.alpha  # beyond alpha all is gone
     # what turns before lamps that stand still is as bright in no two pictures
-    scene = _compared(ctx, scene, placed, points, figures, p, adjust, p.vignetting and not motion.turned)
+    scene = _compared(ctx, scene, placed.scene, points, figures, p, adjust, p.vignetting and not motion.turned)
     return PhotosOut(*_views(ctx, scene), points, Metrics(figures))
 
 
 def _compared(
-    ctx: Context, scene: Scene, placed: Placed, points: PointCloud, figures: dict[str, Any], p: PhotosParams,
-    adjust: bool, vignetting: bool,
+    ctx: Context, scene: Scene, again: Callable[..., Scene], points: PointCloud, figures: dict[str, Any],
+    p: PhotosParams, adjust: bool, vignetting: bool,
 ) -> Scene:  # fmt: skip
-    """The scene after what its photographs say when they are compared pixel by pixel, whole ones where it has masks."""
+    """The scene after what its photographs say when they are compared pixel by pixel, whole ones where it has masks;
+    `again` is `Placed.scene`."""
     import numpy as np
 
     from exmesh_graph.io.placed import Adjustment
@@ -237,13 +237,13 @@ def _compared(
     stereo = None
     if adjust:
         with kept_in(ctx.scratch):
-            whole = placed.scene(world=scene.frame, masks=False) if scene.train.has_masks else scene
+            whole = again(world=scene.frame, masks=False) if scene.train.has_masks else scene
         adjusted = _adjusted(ctx, together(whole.train, whole.test), points, figures, p)
         names = scene.train.names + scene.test.names
         if adjusted.moved.any():
             cameras = dict(zip(names, adjusted.camera_to_world, strict=True))
             with kept_in(ctx.scratch):
-                scene = placed.scene(world=scene.frame, after=Adjustment(cameras, adjusted.lens))
+                scene = again(world=scene.frame, after=Adjustment(cameras, adjusted.lens))
         if adjusted.lens.bend == 0:  # else its pixels are others
             stereo = adjusted.stereo.of(np.flatnonzero(~adjusted.astray))
         if adjusted.astray.any():

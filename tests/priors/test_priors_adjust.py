@@ -387,7 +387,7 @@ def test_a_camera_that_went_astray_is_left_out_by_name(tmp_path):
     figures = {"registered": COUNT, "left_out": ["other"], "focal": 100.0}
     p = data.PhotosParams(path=tmp_path, vignetting=False)
     known = Known(scene, None)
-    after = data._compared(context, scene, known, PointCloud(nothing, nothing), figures, p, True, False)
+    after = data._compared(context, scene, known.scene, PointCloud(nothing, nothing), figures, p, True, False)
     assert len(known.read) == 1
     assert set(scene.train.names) - set(after.train.names) == {views.names[4]}
     assert after.test.names == scene.test.names
