@@ -56,9 +56,8 @@ _FARTHEST = 0.03
 @dataclass(frozen=True)
 class Adjusted:
     """camera_to_world float64 [N, 4, 4]; what lenses are other than before; `moved` float64 [N], pixels by which its
-    patches shifted in each view;
-    mean correlation of patches with the other views, (before, after); the stereo by which that was found last; and
-    `agreement` float64 [N], the correlation afterwards of each view's own patches."""
+    patches shifted in each view; mean correlation of patches with the other views, (before, after); the stereo by which
+    that was found last; and `agreement` float64 [N], the correlation afterwards of each view's own patches."""
 
     camera_to_world: np.ndarray
     lens: LensChange
@@ -84,13 +83,14 @@ def adjust_cameras(
     threads: int = 0,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Adjusted:
-    """`views`, without masks and of a world that stands still, under cameras by which they agree best.
+    """`views`, without masks, under cameras by which they agree best: of a world that stands still, or of what turns
+    before one (of which no depth is found).
 
     The least squares of `system.share_of` in twists of all cameras, depths of all patches and one change of all lenses,
     coarse to fine; the depths are eliminated patch by patch (Schur complement), and damping keeps the world where it
     was. Where some view moved far, stereo was wrong there: it is done again under the new cameras, and so are they.
-    Where patches agree no better afterwards, the cameras are those before. Equal
-    arguments give equal bytes on any number of cores. Raises DataError for fewer than two views.
+    Where patches agree no better afterwards, the cameras are those before. Equal arguments give equal bytes on any
+    number of cores. Raises DataError for fewer than two views.
     """
     levels, known = _levels(views), None if points is None else points.points
     done, lens, moved = views, UNCHANGED, np.zeros(len(views))
