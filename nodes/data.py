@@ -243,7 +243,7 @@ def _compared(
         if adjusted.moved.any():
             cameras = dict(zip(names, adjusted.camera_to_world, strict=True))
             with kept_in(ctx.scratch):
-                scene = again(world=scene.frame, after=Adjustment(cameras, adjusted.lens))
+                scene = again(after=Adjustment(scene.frame, cameras, adjusted.lens))
         if adjusted.lens.bend == 0:  # else its pixels are others
             stereo = adjusted.stereo.of(np.flatnonzero(~adjusted.astray))
         if adjusted.astray.any():

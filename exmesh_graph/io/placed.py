@@ -29,8 +29,9 @@ _NEAR, _ROOM, _OUTSIDE = 0.7, 1.05, 0.8
 
 
 class Adjustment(NamedTuple):
-    """Camera-to-world float64 [4, 4] by the view's name, in the normalised world; and what lenses are other."""
+    """Camera-to-world float64 [4, 4] by the view's name in the normalised `world`, and what lenses are other."""
 
+    world: Frame
     camera_to_world: Mapping[str, np.ndarray]
     lens: LensChange
 
@@ -48,11 +49,12 @@ class Placed:
     notes: list[str]
 
     def scene(self, *, masks: bool = True, world: Frame | None = None, after: Adjustment | None = None) -> Scene:
-        """Views with or without their `masks`, of the cameras and lenses that were found or, in that `world`, of those
-        they are `after` all.
+        """Views with or without their `masks`, of the cameras and lenses that were found, or of those that they are
+        `after` all.
 
-        The world, unless it is given, is Y-up by level cameras, by the mean of the cameras' up where these do not tell.
-        Its sphere comes from the masks, where there are any, else from the sparse points that the cameras look at.
+        The world, unless it is given (`world`, or that of `after`), is Y-up by level cameras, by the mean of the
+        cameras' up where these do not tell. Its sphere comes from the masks, where there are any, else from the sparse
+        points that the cameras look at. Raises DataError for what `object_sphere` and `load_scene` refuse.
         """
         from exmesh_graph.io.scene import load_scene
 
@@ -61,7 +63,8 @@ class Placed:
         shots = shots if masks else [replace(shot, mask=None) for shot in shots]
         turn, turned = self._upright()
         poses = turn @ np.stack([shot.camera_to_world for shot in shots])
-        if world is not None and after is not None:
+        if after is not None:
+            world = after.world
             poses = cameras_from_normalised(np.stack([after.camera_to_world[shot.name] for shot in shots]), world)
         parts = split([replace(s, camera_to_world=pose) for s, pose in zip(shots, poses, strict=True)],
                       options.holdout, options.first, self.path)  # fmt: skip

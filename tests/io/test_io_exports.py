@@ -164,8 +164,8 @@ def test_views_through_lenses_that_turn_out_to_be_others_are_those_of_the_others
     shift[:3, 3] = [0.02, -0.01, 0.03]
     cameras = {name: pose + shift for part in (true.train, true.test)
                for name, pose in zip(part.names, part.camera_to_world, strict=True)}  # fmt: skip
-    after = Adjustment(cameras, LensChange(np.log(100 / 97), -0.16))
-    found = of((97.0, 97.0), (44.0, 36.5)).scene(world=true.frame, after=after)
+    after = Adjustment(true.frame, cameras, LensChange(np.log(100 / 97), -0.16))
+    found = of((97.0, 97.0), (44.0, 36.5)).scene(after=after)
     for ours, theirs in ((found.train, true.train), (found.test, true.test)):
         np.testing.assert_allclose(ours.images, theirs.images, atol=1e-4)
         np.testing.assert_allclose(ours.intrinsics, theirs.intrinsics, rtol=1e-9)
