@@ -173,10 +173,14 @@ class LensChange:
 
     def rays(self, shown: np.ndarray) -> np.ndarray:
         """u [..., 2] of q [..., 2], by iteration."""
-        rays = shown / self.zoom
-        for _ in range(_ROUNDS if self.bend else 0):
-            rays = shown / (self.zoom * (1 + self.bend * np.square(rays).sum(axis=-1, keepdims=True)))
-        return rays
+        straight = shown / self.zoom
+        if not self.bend:
+            return np.asarray(straight)
+        begun = straight[..., 0] ** 2 + straight[..., 1] ** 2
+        square = begun
+        for _ in range(_ROUNDS):
+            square = begun / (1 + self.bend * square) ** 2
+        return np.asarray(straight / (1 + self.bend * square)[..., None])
 
 
 #: Lenses are what they were taken for.

@@ -16,7 +16,7 @@ from exmesh_graph.io.lens import UNCHANGED, LensChange
 from exmesh_graph.io.motion import Motion
 from exmesh_graph.io.scene import Scene
 from exmesh_graph.io.train_size import reduced
-from exmesh_graph.priors.adjust import cameras
+from exmesh_graph.priors.adjust import cameras, reference, system
 from exmesh_graph.priors.adjust.cameras import Adjusted, adjust_cameras, through_lens
 from exmesh_graph.priors.adjust.patches import MOST, Patches, patches_of
 from exmesh_graph.priors.adjust.system import level_of, share_of
@@ -54,7 +54,7 @@ def bent(count=3, seed=0):
     return level_of(gray, views.intrinsics), patches, poses, gray
 
 
-def reference(gray, intrinsics, view, source, patches, logs, poses, lens):
+def by_definition(gray, intrinsics, view, source, patches, logs, poses, lens):
     """(r [P, 9], correlations [P]) by the definition, sample by sample; pictures as they are, lenses other."""
     residuals, correlations = [], []
     for ray, depth, normal, log in zip(patches.rays, patches.depths, patches.normals, logs, strict=True):
@@ -84,11 +84,12 @@ def twisted(poses, twists):
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_equations_are_those_of_all_residuals_with_the_depths_eliminated(seed):
-    """Derivatives by central differences of the reference, in one dense matrix of all twists, of both changes of the
+    """Derivatives by central differences of the definition, in one dense matrix of all twists, of both changes of the
     lenses and of all depths."""
     level, patches, poses, gray = bent(seed=seed)
     level = level.through(LensChange(0.02, 0.3) if seed else UNCHANGED)
-    level = replace(level, values=torch.from_numpy(np.stack([gray, *np.gradient(gray, axis=(2, 1))], axis=-1)))
+    slopes = np.stack([gray, *np.gradient(gray, axis=(2, 1))], axis=-1)
+    level = replace(level, values=torch.from_numpy(slopes.astype(np.float32)))
     logs = np.random.default_rng(seed).normal(0, 0.01, len(patches))
     size, count = 6 * len(poses) + 2, len(patches)
     curvature, slope, dense, dense_slope = (
@@ -99,7 +100,7 @@ def test_the_equations_are_those_of_all_residuals_with_the_depths_eliminated(see
 
     def residual(source, change):
         lens = LensChange(level.lens.growth + change[size - 2], level.lens.bend + change[size - 1])
-        return reference(gray, level.intrinsics, 0, source, patches, logs + change[size:],
+        return by_definition(gray, level.intrinsics, 0, source, patches, logs + change[size:],
                          twisted(poses, change[: size - 2].reshape(-1, 6)), lens)  # fmt: skip
 
     for source in (1, 2):
@@ -118,6 +119,28 @@ def test_the_equations_are_those_of_all_residuals_with_the_depths_eliminated(see
     twists = np.random.default_rng(seed).normal(0, 1e-3, size)
     depths = -np.linalg.solve(own, dense_slope[size:] + mixed @ twists)
     np.testing.assert_allclose(share.depths(twists), depths, rtol=2e-4, atol=2e-4 * np.abs(depths).max())
+
+
+@pytest.mark.parametrize("lens", [UNCHANGED, LensChange(-0.03, 0.4), LensChange(0.02, -0.3)])
+def test_the_kernel_is_the_plain_reference(lens):
+    """On noise, which has every slope, with patches at the rim, one seen from the side, one behind a camera."""
+    level, patches, poses, gray = bent()
+    random = np.random.default_rng(3)
+    # cameras as they come: in any order of memory
+    level = level_of(random.uniform(size=gray.shape).astype(np.float32), np.asfortranarray(level.intrinsics))
+    level, poses = level.through(lens), np.asfortranarray(poses)
+    rays = np.concatenate([patches.rays, random.uniform(-0.4, 0.4, (60, 3)) * [1, 1, 0] + [0, 0, 1]])
+    normals = np.concatenate([patches.normals, np.tile([0.6, 0, -0.8], (59, 1)), [[0, 1, 0]]])
+    patches = Patches(rays, random.uniform(0.3, 2.6, len(rays)), normals)
+    poses[2, :3, 3] += 0.7 * poses[2, :3, 2]
+    logs = random.normal(0, 0.05, len(rays))
+    given = level, 0, patches, logs, np.array([2, 1]), poses
+    ours, plain = system.compared(*given), reference.compared(*given)
+    seen = plain[2] > -2
+    assert seen.any()
+    assert not seen.all()
+    for one, other in zip(ours, plain, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * np.abs(other).max())
 
 
 @pytest.mark.parametrize("case", ["flat", "outside", "behind", "no source"])

@@ -30,8 +30,9 @@ from exmesh_graph.resources import usable_cores
 from exmesh_graph.targets import prepare_targets
 from exmesh_graph.types import PointCloud, Views
 
-#: Longer side of the pictures of stereo; sizes of the pictures compared, each half the one before.
-STEREO_SIDE, SIZES = 360, 4
+#: Longer side of the pictures of stereo, in the first turn and later; sizes of the pictures compared, each half the one
+#: before, and how many of them, the finest, in later turns.
+STEREO_SIDES, SIZES, LATER = (240, 360), 4, 2
 #: Turns and, at each size, Gauss-Newton steps at most; views that a patch is looked for in; damping over the mean
 #: curvature.
 TURNS, STEPS, SOURCES, DAMPING = 3, 20, 8, 1e-3
@@ -99,10 +100,11 @@ def adjust_cameras(
     with sharing(threads), ThreadPoolExecutor(threads or usable_cores()) as pool:
         for turn in range(TURNS):
             tell(f"adjusting {len(views)} cameras, turn {turn + 1}: stereo")
-            stereo = patch_match(done, PatchMatchSettings(side=STEREO_SIDE), points=points, seed=seed)
+            side, sizes = (STEREO_SIDES[0], SIZES) if turn == 0 else (STEREO_SIDES[1], LATER)
+            stereo = patch_match(done, PatchMatchSettings(side=side), points=points, seed=seed)
             patches = _patches(levels[-1] if lens == UNCHANGED else _finest(done), stereo, lens)
             chosen = choose_sources(done.intrinsics, done.camera_to_world, views.height, views.width, SOURCES, known)
-            poses, new, told = _fitted(levels, patches, chosen, done.camera_to_world, lens, pool, tell)
+            poses, new, told = _fitted(levels[-sizes:], patches, chosen, done.camera_to_world, lens, pool, tell)
             before, after = (_mean(one) for one in told)
             agreement += [] if agreement else [before]
             if not after > before:

@@ -21,14 +21,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
+from exmesh_graph.gpu.warp_runtime import launch
 from exmesh_graph.io.lens import UNCHANGED, LensChange
 from exmesh_graph.priors.adjust.patches import Patches
 
 _SPAN = (-2.0, 0.0, 2.0)
-_ROBUST = 0.3
-_FLOOR = 1e-3  # of a deviation
-_FLAT = 0.01  # a patch whose deviation is less says nothing
+ROBUST = 0.3
+FLOOR = 1e-3  # of a deviation
+FLAT = 0.01  # a patch whose deviation is less says nothing
 _TILT = (0.8, 1.25)  # of a sample's depth over the middle's
+_LOG = 6  # the unknown l among nine
+_UNSEEN = -1.5
 _DEPTH = 1.0
 """Weight of l^2 of a step, beside a curvature of the photographs of some hundreds."""
 
@@ -102,50 +105,49 @@ def share_of(
     sources = sources[sources >= 0]
     if len(patches) == 0 or len(sources) == 0:
         return None
-    matrix = level.intrinsics[view]
-    shown_at, local, by_lens = placed(patches, logs, matrix[[0, 1], [0, 1]], level.lens)
-    x, y = (torch.from_numpy(matrix[k, k] * shown_at[..., k] + matrix[k, 2]) for k in (0, 1))
-    values, shown = _sampled(level.values[view], x, y)
-    unit, spread = _unit(values[..., 0])
-    shown &= spread > _FLAT
-    turn = poses[view, :3, :3]
-    from_centre = torch.from_numpy(local @ turn.T)
-    places = from_centre + torch.from_numpy(poses[view, :3, 3])
-    along = torch.stack([from_centre, *(torch.from_numpy(one @ turn.T) for one in by_lens)], dim=-1)
-    count = len(sources) + 1
-    size = 6 * count + 2
-    curvature, slope = np.zeros((size, size)), np.zeros(size)
-    mixed = torch.zeros(len(patches), size, dtype=torch.float64)
-    own = torch.full((len(patches),), _DEPTH, dtype=torch.float64)
-    own_slope, agreement, compared = torch.zeros_like(own), 0.0, 0.0
-    for k, source in enumerate(sources, 1):
-        other, slopes, seen, other_spread = _seen(level, int(source), places, along, poses)
-        seen &= shown & (other_spread > _FLAT)
-        correlation = (other * unit).mean(dim=1)
-        weight = torch.where(seen, (1 + 2 * (1 - correlation) / _ROBUST) ** -2, 0.0)
-        weighted = slopes * weight[:, None, None]
-        product = torch.einsum("pna,pnb->pab", weighted, slopes)
-        off = torch.einsum("pna,pn->pa", weighted, other - unit)
-        # how twists of both cameras, one against the other, and the lens stand in the columns of `slopes`
+    products, slopes, alike = compared(level, view, patches, logs, sources, poses)
+    count, size = len(sources) + 1, 6 * (len(sources) + 1) + 2
+    curvature, slope, mixed = np.zeros((size, size)), np.zeros(size), np.zeros((len(patches), size))
+    for k in range(1, count):
+        # how twists of both cameras, one against the other, and the lens stand among the unknowns
         chosen = np.zeros((9, size))
         chosen[:6, :6], chosen[:6, 6 * k : 6 * k + 6], chosen[7:, -2:] = np.eye(6), -np.eye(6), np.eye(2)
-        curvature += chosen.T @ product.sum(dim=0).numpy() @ chosen
-        slope += off.sum(dim=0).numpy() @ chosen
-        mixed += product[:, 6] @ torch.from_numpy(chosen)
-        own += product[:, 6, 6]
-        own_slope += off[:, 6]
-        agreement += float((correlation.clamp(min=0) * seen).sum())
-        compared += float(seen.sum())
+        curvature += chosen.T @ products[:, k - 1].sum(axis=0) @ chosen
+        slope += slopes[:, k - 1].sum(axis=0) @ chosen
+        mixed += products[:, k - 1, _LOG] @ chosen
+    own, own_slope = _DEPTH + products[:, :, _LOG, _LOG].sum(axis=1), slopes[:, :, _LOG].sum(axis=1)
     twists = [np.arange(6 * one, 6 * one + 6) for one in (view, *sources)]
     rows = np.concatenate([*twists, 6 * len(poses) + np.arange(2)])
-    return Share(rows, curvature, slope, mixed.numpy(), own.numpy(), own_slope.numpy(), agreement, compared)
+    seen = alike > _UNSEEN
+    return Share(rows, curvature, slope, mixed, own, own_slope, float(alike.clip(min=0).sum()), float(seen.sum()))
 
 
-def placed(
-    patches: Patches, logs: np.ndarray, focal: np.ndarray, lens: LensChange
-) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    """Samples of patches: where their pictures show them, q float64 [P, 9, 2], two pixels being 2 / `focal`; places in
-    the camera's axes [P, 9, 3]; and these places' derivatives by g and b."""
+def compared(
+    level: Level, view: int, patches: Patches, logs: np.ndarray, sources: np.ndarray, poses: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of each patch in each of `sources` [S], all >= 0: sums over its samples of w s s^T [P, S, 9, 9] and of w s r
+    [P, S, 9], s the derivatives of z' by the twist (o, v) of the patch's camera against that of the source, by l, g and
+    b; and the correlation [P, S], -2 where either does not show it all, or shows no paint. In one kernel;
+    `reference.compared` is the same in plain torch."""
+    from exmesh_graph.priors.adjust.kernels import compare
+
+    shape = len(patches), len(sources)
+    shown, local = placed(patches, logs, level.intrinsics[view][[0, 1], [0, 1]], level.lens)
+    products, slopes = torch.zeros(*shape, 9, 9, dtype=torch.float64), torch.zeros(*shape, 9, dtype=torch.float64)
+    alike = torch.empty(shape, dtype=torch.float64)
+    _, height, width = level.gray.shape
+    cameras = (torch.from_numpy(np.ascontiguousarray(part)) for part in (level.intrinsics, poses))
+    launch(
+        compare, len(patches), 0, len(sources), width, height, view, level.lens.zoom, level.lens.bend, FLAT, FLOOR,
+        ROBUST, level.values, *cameras, torch.from_numpy(sources.astype(np.int32)), torch.from_numpy(shown),
+        torch.from_numpy(local), products, slopes, alike,
+    )  # fmt: skip
+    return products.numpy(), slopes.numpy(), alike.numpy()
+
+
+def placed(patches: Patches, logs: np.ndarray, focal: np.ndarray, lens: LensChange) -> tuple[np.ndarray, np.ndarray]:
+    """Samples of patches: where their pictures show them, q float64 [P, 9, 2], two pixels being 2 / `focal`, and their
+    places in the camera's axes [P, 9, 3]."""
     across, down = np.meshgrid(_SPAN, _SPAN)
     steps = np.stack([across.ravel() / focal[0], down.ravel() / focal[1]], axis=1)
     shown = patches.rays[:, None, :2] + steps
@@ -153,61 +155,4 @@ def placed(
     sample = np.einsum("pc,pnc->pn", patches.normals[:, :2], shown) + patches.normals[:, 2:]
     ratio = np.clip(middle / np.where(np.abs(sample) < 1e-6, -1e-6, sample), *_TILT)
     depth = (ratio * (patches.depths * np.exp(logs))[:, None])[..., None]
-    rays = lens.rays(shown)
-    square = np.square(rays).sum(axis=-1, keepdims=True)
-    inward = -depth * rays / (1 + 3 * lens.bend * square)
-    flat = np.zeros_like(depth)
-    longer, bent = (np.concatenate([inward * part, flat], axis=-1) for part in (1 + lens.bend * square, square))
-    return shown, np.concatenate([depth * rays, depth], axis=-1), (longer, bent)
-
-
-def _seen(
-    level: Level, source: int, places: torch.Tensor, along: torch.Tensor, poses: np.ndarray
-) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-    """(z' [P, 9], its derivatives by the twist (o, v), by l, g and b [P, 9, 9], whether it is in the picture [P],
-    deviation [P]) of `source`; `along` [P, 9, 3, 3], derivatives of `places` by l, g and b."""
-    turn = torch.from_numpy(np.ascontiguousarray(poses[source, :3, :3]))  # to the world
-    local = (places - torch.from_numpy(poses[source, :3, 3])) @ turn
-    matrix, zoom, bend = level.intrinsics[source], level.lens.zoom, level.lens.bend
-    depth = local[..., 2].clamp(min=1e-3)
-    rays = local[..., :2] / depth[..., None]
-    square = rays.square().sum(dim=-1)
-    shown_at = zoom * rays * (1 + bend * square)[..., None]
-    x, y = (matrix[k, k] * shown_at[..., k] + matrix[k, 2] for k in (0, 1))
-    values, shown = _sampled(level.values[source], x, y)
-    shown &= (local[..., 2] > 1e-3).all(dim=1)
-    outward = zoom * torch.stack([values[..., 1] * matrix[0, 0], values[..., 2] * matrix[1, 1]], dim=-1)
-    radial = (outward * rays).sum(dim=-1)
-    by_ray = outward * (1 + bend * square)[..., None] + 2 * bend * radial[..., None] * rays
-    in_camera = torch.cat([by_ray, -(by_ray * rays).sum(dim=-1, keepdim=True)], dim=-1) / depth[..., None]
-    in_world = in_camera @ turn.T
-    by_lens = torch.stack([torch.zeros_like(radial), radial * (1 + bend * square), radial * square], dim=-1)
-    moving = (in_world[..., None] * along).sum(dim=-2) + by_lens
-    slopes = torch.cat([torch.linalg.cross(places, in_world), in_world, moving], dim=-1)
-    unit, spread = _unit(values[..., 0])
-    # z is of unit deviation and without mean: what only changes these does not change it
-    slopes = slopes - slopes.mean(dim=1, keepdim=True)
-    over = (spread + _FLOOR)[:, None, None]
-    spreading = (unit[..., None] * slopes).mean(dim=1, keepdim=True) * over / (over - _FLOOR).clamp(min=1e-9)
-    return unit, (slopes - unit[..., None] * spreading) / over, shown, spread
-
-
-def _unit(values: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """(z [P, n], deviations [P]) of values [P, n]."""
-    off = values - values.mean(dim=1, keepdim=True)
-    spread = off.square().mean(dim=1).sqrt()
-    return off / (spread + _FLOOR)[:, None], spread
-
-
-def _sampled(picture: torch.Tensor, x: torch.Tensor, y: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """(bilinear values float64 [P, n, C] of a picture [h, w, C] at pixels, centres at +0.5; bool [P], all inside)."""
-    height, width, channels = picture.shape
-    x, y = x - 0.5, y - 0.5
-    inside = ((x >= 0) & (y >= 0) & (x <= width - 1.001) & (y <= height - 1.001)).all(dim=1)
-    x, y = x.clamp(0, width - 1.001), y.clamp(0, height - 1.001)
-    left, top = x.long(), y.long()
-    across, down = (x - left)[..., None], (y - top)[..., None]
-    flat, at = picture.reshape(-1, channels), top * width + left
-    upper = flat[at] * (1 - across) + flat[at + 1] * across
-    lower = flat[at + width] * (1 - across) + flat[at + width + 1] * across
-    return upper * (1 - down) + lower * down, inside
+    return shown, np.concatenate([depth * lens.rays(shown), depth], axis=-1)
