@@ -7,11 +7,12 @@ thing's, so that views which look at this depth from elsewhere show other colour
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt, map_coordinates, uniform_filter
+from scipy.ndimage import distance_transform_edt, uniform_filter
 
 from exmesh_graph.geometry.robust import robust
 from exmesh_graph.gpu.cores import share
 from exmesh_graph.masks.pinhole import pixels_of, rays_of
+from exmesh_graph.masks.sampled import sampled
 from exmesh_graph.types import Views
 
 _NEAR = 8
@@ -67,10 +68,10 @@ def _colours(
 ) -> np.ndarray:
     """float32 [P, 3]: a view's colours of points [P, 3]; NaN where it does not see them, by its own depth."""
     place, z = pixels_of(points, k, to_camera)
-    own = map_coordinates(depth, place, order=0, cval=0)
+    row, column = np.round(np.clip(place, -1, max(depth.shape))).astype(int)
+    there = (row >= 0) & (column >= 0) & (row < depth.shape[0]) & (column < depth.shape[1])
+    own = np.where(there, depth[row * there, column * there], 0)
     seen = (own > 0) & (np.abs(own - z) < _DEPTH * z)
     colours = np.full((len(points), 3), np.nan, np.float32)
-    for channel in range(3):
-        part = map_coordinates(picture[..., channel], place[:, seen], order=1, cval=np.nan)
-        colours[seen, channel] = part
+    colours[seen] = sampled(picture, place[:, seen])
     return colours

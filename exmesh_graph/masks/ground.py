@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import binary_dilation, gaussian_filter, map_coordinates
+from scipy.ndimage import binary_dilation, gaussian_filter
 
 from exmesh_graph.geometry.robust import robust
 from exmesh_graph.gpu.cores import share
@@ -19,6 +19,7 @@ from exmesh_graph.masks.cut import together
 from exmesh_graph.masks.explained import explained
 from exmesh_graph.masks.pinhole import pixels_of, rays_of
 from exmesh_graph.masks.plane import Plane
+from exmesh_graph.masks.sampled import sampled
 from exmesh_graph.types import DepthMaps, Views
 
 _VIEWS = 64
@@ -35,6 +36,8 @@ _UNSURE = 0.08
 """Deviations of display values: of one picture, and between views, from which on a place of the table says nothing."""
 _LIGHT = 0.05
 """Of the picture's longer side: over what distance a view's light on the table is taken for even."""
+_FINE = 4.0
+"""Pixels that the width of a mean over a view's light keeps in a smaller picture."""
 _BINS = 12
 _LEAST_CHANCE, _MOST = 0.02, 0.85
 """Chances that colour alone can give."""
@@ -73,8 +76,8 @@ class Ground:
         k, to_camera  [3, 3] in pixels of this picture, [4, 4]
         """
         place, there = self._places(picture.shape, k, to_camera)
-        shown = np.stack([map_coordinates(c, place, order=1, cval=np.nan) for c in np.moveaxis(self.colour, -1, 0)], -1)
-        spread = map_coordinates(self.spread, place, order=1, cval=np.nan)
+        found = sampled(np.concatenate([self.colour, self.spread[..., None]], axis=-1), place)
+        shown, spread = found[..., :3], found[..., 3]
         known = there & np.isfinite(shown).all(axis=-1) & (spread < _UNSURE)
         off = np.where(known[..., None], picture - shown, 0)
         off = off - _light(off, known & ~outline, _LIGHT * max(picture.shape[:2]))
@@ -143,11 +146,7 @@ def ground_of(
 
     def shown(view: int) -> np.ndarray:
         place, _ = pixels_of(points, views.intrinsics[view], views.world_to_camera[view])
-        free = map_coordinates(usable[view].astype(np.float32), place, order=1, cval=0) > 0.99
-        colours = np.full((len(points), 3), np.nan, np.float32)
-        for channel in range(3):
-            colours[free, channel] = map_coordinates(pictures[view, ..., channel], place[:, free], order=1, cval=np.nan)
-        return colours
+        return sampled(np.where(usable[view][..., None], pictures[view], np.float32(np.nan)), place)
 
     seen = np.stack(share(shown, chosen))
     parts = share(robust, np.array_split(seen, max(1, len(points) // _PART), axis=1))
@@ -176,5 +175,19 @@ def _grid(plane: Plane, vertices: np.ndarray, views: Views) -> tuple[np.ndarray,
 def _light(off: np.ndarray, free: np.ndarray, width: float) -> np.ndarray:
     """What `off` [h, w, 3] is on average around each pixel where `free`: gloss and exposure of this view."""
     sure = (free & (np.abs(off).max(axis=-1) < 4 * _UNSURE)).astype(np.float32)
-    weight = np.maximum(gaussian_filter(sure, width), 1e-4)
-    return np.stack([gaussian_filter(sure * off[..., c], width) / weight for c in range(3)], axis=-1)
+    factor = max(1, int(width / _FINE))  # so wide a mean needs no small pixels
+    sums = _pooled(np.concatenate([sure[..., None] * off, sure[..., None]], axis=-1), factor)
+    sums = gaussian_filter(sums, (width / factor, width / factor, 0))
+    light = sums[..., :3] / np.maximum(sums[..., 3:], 1e-4)
+    if factor == 1:
+        return light
+    most = np.array(light.shape[:2])[:, None, None] - 1
+    return sampled(light, np.clip((np.indices(sure.shape) + 0.5) / factor - 0.5, 0, most))
+
+
+def _pooled(values: np.ndarray, factor: int) -> np.ndarray:
+    """Means of squares of `factor` pixels of [h, w, C], beyond its edges what is at them."""
+    rows, columns = (-side % factor for side in values.shape[:2])
+    values = np.pad(values, ((0, rows), (0, columns), (0, 0)), mode="edge")
+    height, width, channels = values.shape
+    return values.reshape(height // factor, factor, width // factor, factor, channels).mean(axis=(1, 3))

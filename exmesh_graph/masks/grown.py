@@ -33,6 +33,8 @@ _ELSEWHERE = 5.0
 """CIELAB units by which a colour of the object in other views is taken for farther off."""
 _NEAREST = 5
 _SAMPLES = 6000
+_PART = 32
+"""Samples that stand for a part of a ring: the search for more takes its time in proportion."""
 _FEWEST = 20
 
 
@@ -97,7 +99,7 @@ def _colour(
     if not (beside.any() and around.any() and own.any()):
         return None
     count = min(int(around.sum()), int(own.sum()))  # alike for both: of more samples one is nearer by chance
-    out = cKDTree(_some(lab[around], count))
+    out = cKDTree(_some(lab[around], min(count, round(_PART / part)) if part else count))
     few = max(_NEAREST, round(part * out.n))
     here, elsewhere = (some[_off(out, some, few) > _FOREIGN] for some in (_some(lab[own], count), _some(pool, count)))
     if len(here) < _FEWEST or len(elsewhere) < _FEWEST:

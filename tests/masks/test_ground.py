@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from mask_scenes import GROUND, disc, overlap_of
 from scipy.ndimage import binary_dilation, binary_erosion
 
-from exmesh_graph.geometry.robust import robust
 from exmesh_graph.masks.cut import together
 from exmesh_graph.masks.explained import explained
 from exmesh_graph.masks.ground import Table, chances, ground_of, table_shown
@@ -160,22 +159,6 @@ def test_a_depth_that_is_right_explains_and_one_carried_across_does_not(bench):
     assert own[bench.gaps].mean() < 0.35
     assert not own[~(bench.masks | bench.gaps)].any()
     assert not explained(bench.views, 0 * bench.depths.depth, pictures, bench.masks).any()
-
-
-@given(st.integers(0, 10**6), st.integers(1, 7))
-def test_medians_of_what_is_known(seed, count):
-    rng = np.random.default_rng(seed)
-    colours = rng.random((count, 9, 3)).astype(np.float32)
-    colours[rng.random((count, 9)) < 0.4] = np.nan
-    middle, spread, known = robust(colours)
-    for pixel in range(9):
-        those = colours[np.isfinite(colours[:, pixel, 0]), pixel]
-        assert known[pixel] == len(those)
-        if len(those) == 0:
-            assert np.isnan(middle[pixel]).all()
-            continue
-        assert middle[pixel] == pytest.approx(np.median(those, axis=0))
-        assert spread[pixel] == pytest.approx(1.4826 * np.median(np.abs(those - np.median(those, axis=0)).mean(-1)))
 
 
 @given(st.floats(0.01, 0.99), st.floats(0.01, 0.99))
