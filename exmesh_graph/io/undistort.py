@@ -9,6 +9,7 @@ import numpy as np
 from exmesh_graph.io.cameras import reduced_size
 from exmesh_graph.io.images import Photo
 from exmesh_graph.io.reduce import area_means
+from exmesh_graph.io.resample import cubic
 
 _SCALES = (0.5, 2.0)
 _APART = 1.1  # pixels between places from which on they would miss what lies between them
@@ -62,20 +63,15 @@ def pinhole(
 def resampled(photo: Photo, places: np.ndarray) -> Photo:
     """The photograph at `places` [H, W, 2], by cubic splines in linear, premultiplied light; where places lie further
     apart than pixels, of means over areas as large."""
-    from scipy.ndimage import map_coordinates
-
     apart = float(np.median(np.linalg.norm(np.diff(places, axis=1), axis=-1))) if places.shape[1] > 1 else 1.0
     factor = apart if apart > _APART else 1.0
     height, width = photo.alpha.shape
     small = np.array(reduced_size((width, height), factor))
     places = (places - np.array([width, height]) / 2) / factor + small / 2
-    at = [places[..., 1] - 0.5, places[..., 0] - 0.5]
-
-    def sample(channel: np.ndarray) -> np.ndarray:
-        means = channel if factor == 1 else area_means(channel, factor)
-        return map_coordinates(means, at, order=3, mode="nearest", output=np.float32)
-
-    alpha = np.clip(sample(photo.alpha), 0, 1) if photo.has_alpha else np.ones(places.shape[:2], np.float32)
-    rgb = np.stack([sample(photo.rgb[..., c]) for c in range(3)], axis=-1)
+    parts = [photo.rgb, photo.alpha[..., None]] if photo.has_alpha else [photo.rgb]
+    if factor != 1:
+        parts = [area_means(part[..., c], factor)[..., None] for part in parts for c in range(part.shape[-1])]
+    sampled = cubic(np.concatenate(parts, axis=-1), np.moveaxis(places, -1, 0)[::-1] - 0.5)
+    alpha = np.clip(sampled[..., 3], 0, 1) if photo.has_alpha else np.ones(places.shape[:2], np.float32)
     top = alpha[..., None] if photo.clipped else np.inf
-    return Photo(np.clip(rgb, 0, top).astype(np.float32), alpha, photo.has_alpha, photo.clipped)
+    return Photo(np.clip(sampled[..., :3], 0, top), alpha, photo.has_alpha, photo.clipped)

@@ -11,8 +11,8 @@ from scipy.ndimage import distance_transform_edt, uniform_filter
 
 from exmesh_graph.geometry.robust import robust
 from exmesh_graph.gpu.cores import share
+from exmesh_graph.io.resample import bilinear
 from exmesh_graph.masks.pinhole import pixels_of, rays_of
-from exmesh_graph.masks.sampled import sampled
 from exmesh_graph.types import Views
 
 _NEAR = 8
@@ -73,5 +73,5 @@ def _colours(
     own = np.where(there, depth[row * there, column * there], 0)
     seen = (own > 0) & (np.abs(own - z) < _DEPTH * z)
     colours = np.full((len(points), 3), np.nan, np.float32)
-    colours[seen] = sampled(picture, place[:, seen])
+    colours[seen] = bilinear(picture, place[:, seen])
     return colours

@@ -15,11 +15,11 @@ from scipy.ndimage import binary_dilation, gaussian_filter
 
 from exmesh_graph.geometry.robust import robust
 from exmesh_graph.gpu.cores import share
+from exmesh_graph.io.resample import bilinear
 from exmesh_graph.masks.cut import together
 from exmesh_graph.masks.explained import explained
 from exmesh_graph.masks.pinhole import pixels_of, rays_of
 from exmesh_graph.masks.plane import Plane
-from exmesh_graph.masks.sampled import sampled
 from exmesh_graph.types import DepthMaps, Views
 
 _VIEWS = 64
@@ -76,7 +76,7 @@ class Ground:
         k, to_camera  [3, 3] in pixels of this picture, [4, 4]
         """
         place, there = self._places(picture.shape, k, to_camera)
-        found = sampled(np.concatenate([self.colour, self.spread[..., None]], axis=-1), place)
+        found = bilinear(np.concatenate([self.colour, self.spread[..., None]], axis=-1), place)
         shown, spread = found[..., :3], found[..., 3]
         known = there & np.isfinite(shown).all(axis=-1) & (spread < _UNSURE)
         off = np.where(known[..., None], picture - shown, 0)
@@ -146,7 +146,7 @@ def ground_of(
 
     def shown(view: int) -> np.ndarray:
         place, _ = pixels_of(points, views.intrinsics[view], views.world_to_camera[view])
-        return sampled(np.where(usable[view][..., None], pictures[view], np.float32(np.nan)), place)
+        return bilinear(np.where(usable[view][..., None], pictures[view], np.float32(np.nan)), place)
 
     seen = np.stack(share(shown, chosen))
     parts = share(robust, np.array_split(seen, max(1, len(points) // _PART), axis=1))
@@ -182,7 +182,7 @@ def _light(off: np.ndarray, free: np.ndarray, width: float) -> np.ndarray:
     if factor == 1:
         return light
     most = np.array(light.shape[:2])[:, None, None] - 1
-    return sampled(light, np.clip((np.indices(sure.shape) + 0.5) / factor - 0.5, 0, most))
+    return bilinear(light, np.clip((np.indices(sure.shape) + 0.5) / factor - 0.5, 0, most))
 
 
 def _pooled(values: np.ndarray, factor: int) -> np.ndarray:

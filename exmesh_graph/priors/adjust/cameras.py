@@ -13,13 +13,13 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import Rotation
 
 from exmesh_graph.gpu.cores import share as shared
 from exmesh_graph.gpu.torch_setup import sharing
 from exmesh_graph.io.contrast import even_contrast
 from exmesh_graph.io.lens import UNCHANGED, LensChange
+from exmesh_graph.io.resample import bilinear
 from exmesh_graph.priors.adjust.patches import Patches, patches_of
 from exmesh_graph.priors.adjust.system import Level, Share, level_of, share_of
 from exmesh_graph.priors.patch_match.estimate import Stereo, patch_match
@@ -131,12 +131,8 @@ def through_lens(views: Views, lens: LensChange) -> Views:
     def one(view: int) -> np.ndarray:
         (focal, centre), (old, _) = ((k[[0, 1], [0, 1]], k[:2, 2]) for k in (intrinsics[view], views.intrinsics[view]))
         at = lens.shown((pixels - centre) / focal) * old + centre - 0.5
-        picture = np.asarray(views.images[view])
-        parts = [
-            map_coordinates(picture[..., c], [at[..., 1], at[..., 0]], order=1, mode="nearest")
-            for c in range(picture.shape[-1])
-        ]
-        return np.stack(parts, axis=-1)
+        most = np.array([views.height, views.width])[:, None, None] - 1
+        return bilinear(np.asarray(views.images[view]), np.clip(np.moveaxis(at, -1, 0)[::-1], 0, most))
 
     return replace(views, images=np.stack(shared(one, range(len(views)))), intrinsics=intrinsics)
 
