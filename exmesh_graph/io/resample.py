@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
-import torch
+from typing import TYPE_CHECKING
 
-from exmesh_graph.gpu.warp_runtime import launch
+import numpy as np
+
+if TYPE_CHECKING:
+    import torch
 
 _MARGIN = 12
 """Pixels beyond a picture in which a spline still follows its edge, to 1e-7 of what changes there."""
@@ -17,6 +19,9 @@ def bilinear(picture: np.ndarray, places: np.ndarray) -> np.ndarray:
     NaN outside the middles of the outer pixels, and beside a pixel that is NaN. On this thread; `map_coordinates` of
     SciPy is the plain form.
     """
+    import torch
+
+    from exmesh_graph.gpu.warp_runtime import launch
     from exmesh_graph.io.kernels_resample import look_up
 
     height, width, channels = picture.shape
@@ -34,6 +39,9 @@ def cubic(picture: np.ndarray, places: np.ndarray) -> np.ndarray:
 
     On this thread; `map_coordinates` of SciPy with `order=3, mode="nearest"` is the plain form.
     """
+    import torch
+
+    from exmesh_graph.gpu.warp_runtime import launch
     from exmesh_graph.io.kernels_resample import look_up_smoothly, spline_lines
 
     padded = np.pad(np.asarray(picture, np.float32), ((_MARGIN, _MARGIN), (_MARGIN, _MARGIN), (0, 0)), mode="edge")
@@ -50,4 +58,6 @@ def cubic(picture: np.ndarray, places: np.ndarray) -> np.ndarray:
 
 def _listed(places: np.ndarray) -> torch.Tensor:
     """float64 [P, 2] of [2, ...]."""
+    import torch
+
     return torch.from_numpy(np.ascontiguousarray(places.reshape(2, -1).T, np.float64))
