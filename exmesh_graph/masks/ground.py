@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import binary_dilation, gaussian_filter
+from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filter
 
 from exmesh_graph.geometry.robust import robust
 from exmesh_graph.gpu.cores import share
@@ -31,6 +31,9 @@ _BESIDE = 3.0
 """How far around the object the table is known, in half diagonals of its base."""
 _LOOSE = 2
 """Pixels by which an outline may be off."""
+_RIM, _SURE = 8, 0.99
+"""Pixels inside an outline that are more likely the table's than those deeper in, where the object hides it, explained
+or not; and of a mean of such pixels."""
 _NOISE = 0.02
 _UNSURE = 0.08
 """Deviations of display values: of one picture, and between views, from which on a place of the table says nothing."""
@@ -106,12 +109,14 @@ def table_shown(
     None where no place of the table is seen by three views.
     """
     own = explained(views, depth, pictures, outlines)
-    usable = np.stack([~binary_dilation(one, iterations=_LOOSE) for one in outlines]) | (outlines & ~own)
-    ground = ground_of(plane, views, pictures, usable, vertices)
+    outside = np.stack([~binary_dilation(one, iterations=_LOOSE) for one in outlines])
+    usable = outside | (outlines & ~own)
+    rim = np.stack(share(lambda one: distance_transform_edt(one) <= _RIM, outlines))
+    ground = ground_of(plane, views, pictures, usable, usable & rim, vertices)
     if ground is None:
         return None
     alike = np.stack(share(ground.alike, pictures, outlines, views.intrinsics, views.world_to_camera))
-    by_colour = chances(alike, usable & ~outlines, own)
+    by_colour = chances(alike, outside, own)
     by_depth = np.where(own, _OWN, np.where(by_colour > 0.5, _FOREIGN, 0.5))
     return together(by_colour, np.where(outlines & np.isfinite(alike), by_depth, 0.5))
 
@@ -133,9 +138,11 @@ def chances(alike: np.ndarray, table: np.ndarray, own: np.ndarray) -> np.ndarray
 
 
 def ground_of(
-    plane: Plane, views: Views, pictures: np.ndarray, usable: np.ndarray, vertices: np.ndarray
+    plane: Plane, views: Views, pictures: np.ndarray, usable: np.ndarray, likely: np.ndarray, vertices: np.ndarray
 ) -> Ground | None:
     """The picture of the plane around the base of vertices [V, 3], from the pixels `usable` bool [N, h, w].
+
+    likely  bool [N, h, w], which of them alone count where enough of these show a place
 
     None where no place of it is seen by three views.
     """
@@ -146,17 +153,26 @@ def ground_of(
 
     def shown(view: int) -> np.ndarray:
         place, _ = pixels_of(points, views.intrinsics[view], views.world_to_camera[view])
-        return bilinear(np.where(usable[view][..., None], pictures[view], np.float32(np.nan)), place)
+        known = np.concatenate([pictures[view], likely[view][..., None]], axis=-1, dtype=np.float32)
+        return bilinear(np.where(usable[view][..., None], known, np.float32(np.nan)), place)
 
     seen = np.stack(share(shown, chosen))
-    parts = share(robust, np.array_split(seen, max(1, len(points) // _PART), axis=1))
-    colour, spread, count = (np.concatenate(part) for part in zip(*parts, strict=True))
+    colour, spread, count = _middle(np.where(seen[..., 3:] > _SURE, seen[..., :3], np.float32(np.nan)))
+    few = count < _LEAST
+    colour[few], spread[few], count[few] = _middle(seen[:, few, :3])
     enough = count >= _LEAST
     if not enough.any():
         return None
     colour[~enough], spread[~enough] = np.nan, np.nan
     square = size, size
     return Ground(colour.reshape(*square, 3), spread.reshape(square), origin, across, plane)
+
+
+def _middle(seen: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """`robust` of many points, shared by the cores."""
+    parts = share(robust, np.array_split(seen, max(1, seen.shape[1] // _PART), axis=1))
+    colour, spread, count = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return colour, spread, count
 
 
 def _grid(plane: Plane, vertices: np.ndarray, views: Views) -> tuple[np.ndarray, np.ndarray, int]:

@@ -116,7 +116,7 @@ def test_a_views_own_light_does_not_count(bench):
     """One picture is brighter by 0.1, as gloss or exposure makes it: its table is the same."""
     pictures = (np.clip(np.asarray(bench.views.images), 0, 1) ** (1 / 2.2)).astype(np.float32)
     usable = np.stack([~binary_dilation(one, iterations=2) for one in bench.masks])
-    ground = ground_of(PLANE, bench.views, pictures, usable, bench.block[0])
+    ground = ground_of(PLANE, bench.views, pictures, usable, usable, bench.block[0])
     k, to_camera = bench.views.intrinsics[0], bench.views.world_to_camera[0]
     plain, brighter = (ground.alike(one, bench.masks[0], k, to_camera) for one in (pictures[0], pictures[0] + 0.1))
     on = usable[0] & np.isfinite(plain)
@@ -127,11 +127,25 @@ def test_a_views_own_light_does_not_count(bench):
 
 def test_nothing_is_said_where_the_table_is_never_seen(bench):
     hidden = np.zeros_like(bench.masks)
-    assert ground_of(PLANE, bench.views, np.asarray(bench.views.images), hidden, bench.block[0]) is None
-    seen = ground_of(PLANE, bench.views, np.asarray(bench.views.images), ~hidden, bench.block[0])
+    assert ground_of(PLANE, bench.views, np.asarray(bench.views.images), hidden, hidden, bench.block[0]) is None
+    seen = ground_of(PLANE, bench.views, np.asarray(bench.views.images), ~hidden, ~hidden, bench.block[0])
     above = replace(seen, plane=replace(PLANE, offset=9.0))  # above all cameras: no pixel looks down on it
     camera = bench.views.intrinsics[0], bench.views.world_to_camera[0]
     assert np.isnan(above.alike(np.asarray(bench.views.images[0]), bench.masks[0], *camera)).all()
+
+
+@pytest.mark.parametrize("enough", [True, False])
+def test_likely_pixels_say_what_the_table_is_where_there_are_enough(bench, enough):
+    """Below a car its paint is in the way of most views: a few that look in beside it know the table."""
+    usable, likely = np.ones_like(bench.masks), np.zeros_like(bench.masks)
+    likely[: 4 if enough else 2] = True
+    pictures = np.full((*bench.masks.shape, 3), 0.8, np.float32)
+    pictures[likely] = 0.3
+    ground = ground_of(PLANE, bench.views, pictures, usable, likely, bench.block[0])
+    known = ground.colour[np.isfinite(ground.spread)]
+    middle = ground.colour[len(ground.colour) // 2, len(ground.colour) // 2]
+    assert len(known) > 1000
+    np.testing.assert_allclose(middle, 0.3 if enough else 0.8, atol=1e-6)
 
 
 def test_likeness_counts_by_what_it_tells():
