@@ -3,9 +3,13 @@
 Tests run beside one another; OpenMP's threads, which spin for one another, made some of
 them 20 times slower. And where PYTHONDONTWRITEBYTECODE is set, as container images like
 to, every process that a test starts would compile the package anew.
+
+A shell that puts a job into the background lets it ignore Ctrl-C, and so would the commands
+that tests start: they are interrupted there as anywhere.
 """
 
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -33,6 +37,8 @@ LONGEST = (
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 from hypothesis import HealthCheck, settings  # noqa: E402 - torch comes with some strategies: after the above
 
