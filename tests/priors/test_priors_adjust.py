@@ -383,6 +383,7 @@ def test_it_is_told_where_adjusted_cameras_are_no_better(tmp_path):
 
 @pytest.mark.parametrize(("known", "alike", "expected"), [
     ([0.3] * 9 + [0.05], [0.5] * 9 + [0.3], [9]),  # one of ten went astray
+    ([0.3] * 9 + [0.135], [0.5] * 9 + [0.38], [9]),  # a mug, nearly as round as it is wrong
     ([0.3] * 9 + [0.05], [0.5] * 10, []),  # seen by few others, which agree
     ([0.3] * 10, [0.5] * 9 + [0.3], []),  # it shines
     ([0.3] * 7 + [0.05] * 3, [0.5] * 7 + [0.2] * 3, []),  # so many: who is right?
