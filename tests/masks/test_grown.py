@@ -78,7 +78,7 @@ def test_chances_against_distances_written_out(seed):
     own = grown.binary_erosion(part[0], iterations=2)
 
     def off(there, colour):
-        return np.sort(np.linalg.norm(there.astype(float) - colour, axis=1))[:5].mean()
+        return np.sort(np.linalg.norm(there.astype(float) - np.round(colour), axis=1))[:5].mean()  # whole CIELAB units
 
     count = min(around.sum(), own.sum())
     out, mine = (part[:: max(1, -(-len(part) // count))] for part in (lab[0][around], lab[0][own]))
