@@ -5,7 +5,7 @@ ones: `pairs`), and what the matches support best of three mappings (`mapping`).
 they do here.
 
 Pictures far apart leave few points. Then it is done again with patches of affine shape and with matches that are looked
-for along epipolar lines (both COLMAP's), which find more points, a little less precisely. Where some pictures are still
+for along epipolar lines (`guided`), which find more points, a little less precisely. Where some pictures are still
 without a camera, so in pictures whose contrast was made even (`contrast`): SIFT leaves out what differs by less than a
 hundredth of white, which on dark or smooth things is nearly all there is.
 """
@@ -21,10 +21,11 @@ import numpy as np
 
 from exmesh_graph.errors import DataError
 from exmesh_graph.io.contrast import even_pictures
+from exmesh_graph.io.guided import match_guided
 from exmesh_graph.io.images import picture_size, write_image
 from exmesh_graph.io.mapping import SEEN_BY, Mapped, map_cameras
 from exmesh_graph.io.normalise import some
-from exmesh_graph.io.pairs import likely_pairs
+from exmesh_graph.io.pairs import likely_pairs, matched_pairs
 from exmesh_graph.io.settings import MotionSettings
 from exmesh_graph.io.still import turning_masks
 from exmesh_graph.native import import_pycolmap
@@ -166,7 +167,7 @@ def find_motion(
     level, colmap.logging.minloglevel = colmap.logging.minloglevel, 3
     try:
 
-        def matched(matching: str, place: str, shown: Path | None) -> Path:
+        def matched(matching: str, place: str, shown: Path | None, before: Path | None = None) -> Path:
             (work / place).mkdir()
             database = work / place / "database.db"
             colmap.set_random_seed(seed)
@@ -176,7 +177,11 @@ def find_motion(
                 drawn = work / place / "pictures"
                 even_pictures(images, drawn, settings.threads or usable_cores())
             _features(colmap, database, folder, names, shown, settings, lenses, drawn, affine=matching != "plain")
-            _match(colmap, database, names, settings, seed, matching, tell)
+            _match(
+                colmap, database, _pairs(colmap, database, names, settings, before), len(names), settings, seed, tell
+            )
+            if matching != "plain":
+                match_guided(colmap, database, settings.threads or usable_cores())
             return database
 
         def found(matching: str, database: Path) -> Motion:
@@ -197,12 +202,12 @@ def find_motion(
             database = matched(first, f"{first}_moving", shown)
         motion = found(first, database)
         if settings.matching == "auto" and len(names) > 2 and (motion.left_out or motion.sightings < FEW):
-            wide = found("wide", matched("wide", "wide", shown))
+            wide = found("wide", matched("wide", "wide", shown, database))
             more = wide.sightings >= GROWTH * motion.sightings
             if len(wide.left_out) < len(motion.left_out) or (more and len(wide.left_out) == len(motion.left_out)):
                 motion = wide
             if motion.left_out:
-                even = found("even", matched("even", "even", shown))
+                even = found("even", matched("even", "even", shown, database))
                 motion = even if len(even.left_out) < len(motion.left_out) else motion
     finally:
         colmap.logging.minloglevel = level
@@ -210,33 +215,43 @@ def find_motion(
     return replace(motion, turned=bool(moving))
 
 
+def _pairs(
+    colmap: Any, database: Path, names: list[str], settings: MotionSettings, before: Path | None
+) -> list[tuple[str, str]] | None:
+    """Names of the pictures that are matched: of many the likely ones, of few all (None); of those that were matched
+    `before`, in another database, the ones that looked alike there."""
+    known = [] if before is None else matched_pairs(colmap, before)
+    if settings.partners and len(names) > MANY:
+        return sorted({*known, *likely_pairs(colmap, database, settings.partners)})
+    return known or None
+
+
 def _match(
     colmap: Any,
     database: Path,
-    names: list[str],
+    pairs: list[tuple[str, str]] | None,
+    pictures: int,
     settings: MotionSettings,
     seed: int,
-    matching: str,
     tell: Callable[[str], None],
 ) -> None:
-    """Matches of all pairs of pictures or, of many pictures, of the likely ones, verified pair by pair."""
+    """Matches of all pairs of pictures or of the named ones, verified pair by pair."""
     options = colmap.FeatureMatchingOptions()
-    options.num_threads, options.guided_matching = settings.threads or usable_cores(), matching != "plain"
+    options.num_threads = settings.threads or usable_cores()
     verify = colmap.TwoViewGeometryOptions()
     verify.ransac.random_seed, verify.ransac.num_threads = seed, 1
     common = {"matching_options": options, "verification_options": verify, "device": colmap.Device.cpu}
-    every = len(names) * (len(names) - 1) // 2
-    if settings.partners and len(names) > MANY:
-        pairs = likely_pairs(colmap, database, settings.partners)
-        tell(f"matching {len(pairs)} of {every} pairs: those that look alike (`partners`)")
-        listed = database.parent / "pairs.txt"
-        listed.write_text("".join(f"{one} {other}\n" for one, other in pairs), encoding="utf-8")
-        pairing = colmap.ImportedPairingOptions()
-        pairing.match_list_path = listed
-        colmap.match_image_pairs(database, pairing_options=pairing, **common)
-    else:
+    every = pictures * (pictures - 1) // 2
+    if pairs is None or len(pairs) == every:
         tell(f"matching {every} pairs")
         colmap.match_exhaustive(database, **common)
+        return
+    tell(f"matching {len(pairs)} of {every} pairs: those that look alike")
+    listed = database.parent / "pairs.txt"
+    listed.write_text("".join(f"{one} {other}\n" for one, other in pairs), encoding="utf-8")
+    pairing = colmap.ImportedPairingOptions()
+    pairing.match_list_path = listed
+    colmap.match_image_pairs(database, pairing_options=pairing, **common)
 
 
 def _mask_files(masks: Mapping[str, np.ndarray], folder: Path) -> Path | None:

@@ -1,11 +1,13 @@
-"""Which pictures of many are worth matching: those whose largest features look alike.
+"""Which pictures of many are worth matching: those whose largest features look alike, and those that matched before.
 
 Matching all pairs grows with the square of the pictures. Of each the features of largest scale are compared first (Wu,
-3DV 2013: preemptive matching): they are few, and seen from far and near alike.
+3DV 2013: preemptive matching): they are few, and seen from far and near alike. Pictures of which plain features found
+nothing alike are not asked again with more costly ones, but for a picture that hardly any looked like.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,8 @@ import numpy as np
 LARGEST, BESIDE = 128, 2
 _RATIO = 0.8
 _LEAST = 3
+#: Partners of a picture that matched before, below which it is matched with all again.
+ENOUGH = 12
 
 
 def likely_pairs(colmap: Any, database: Path, partners: int) -> list[tuple[str, str]]:
@@ -33,6 +37,23 @@ def likely_pairs(colmap: Any, database: Path, partners: int) -> list[tuple[str, 
         near = range(max(0, i - BESIDE), min(len(names), i + BESIDE + 1))
         pairs |= {(min(i, int(j)), max(i, int(j))) for j in (*order[alike[i][order] >= _LEAST], *near) if j != i}
     return [(names[i], names[j]) for i, j in sorted(pairs)]
+
+
+def matched_pairs(colmap: Any, database: Path) -> list[tuple[str, str]]:
+    """Pairs of names that are alike by COLMAP's database of matches (15 of them, verified or not), and all pairs of a
+    picture that has fewer than `ENOUGH` such partners."""
+    opened = colmap.Database.open(database)
+    try:
+        names = {image.image_id: image.name for image in opened.read_all_images()}
+        alike = {colmap.pair_id_to_image_pair(pair)
+                 for pair, count in zip(*opened.read_num_matches(), strict=True) if count > 0}  # fmt: skip
+    finally:
+        opened.close()
+    held = Counter(number for pair in alike for number in pair)
+    few = [number for number in names if held[number] < ENOUGH]
+    pairs = [*alike, *((number, other) for number in few for other in names if other != number)]
+    named = (sorted((names[one], names[other])) for one, other in pairs)
+    return sorted({(one, other) for one, other in named})
 
 
 def likeness(descriptors: list[np.ndarray]) -> np.ndarray:

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from exmesh_graph.io.pairs import LARGEST, likely_pairs, likeness
+from exmesh_graph.io.pairs import ENOUGH, LARGEST, likely_pairs, likeness, matched_pairs
 
 
 class _Database:
@@ -51,3 +51,28 @@ def test_features_count_where_they_are_nearest_to_one_another_and_clearly_so():
     assert counts[0, 3] == counts[0, 4] == 0
     assert likeness([one[:40], twice])[0, 1] < 15
     assert not np.diag(counts).any()
+
+
+def test_pictures_that_looked_alike_are_asked_again_and_those_that_look_like_few_with_all(tmp_path):
+    """A ring of twenty, each like the eight nearest on either side, and one that looks like none."""
+    ring = [(i, j) for i in range(1, 21) for j in range(i + 1, 21) if min(j - i, 20 - j + i) <= 8]
+    unlike = [(i, j) for i in range(1, 21) for j in range(i + 1, 21) if (i, j) not in ring]
+
+    class Database:
+        def read_all_images(self):
+            return [SimpleNamespace(name=f"p{number:02d}", image_id=number) for number in range(1, 22)]
+
+        def read_num_matches(self):
+            return [i * 100 + j for i, j in (*ring, *unlike)], [30] * len(ring) + [0] * len(unlike)
+
+        def close(self):
+            pass
+
+    colmap = SimpleNamespace(
+        Database=SimpleNamespace(open=lambda _: Database()), pair_id_to_image_pair=lambda pair: divmod(pair, 100)
+    )
+    expected = {(f"p{i:02d}", f"p{j:02d}") for i, j in (*ring, *((i, 21) for i in range(1, 21)))}
+    pairs = matched_pairs(colmap, tmp_path)
+    assert set(pairs) == expected
+    assert pairs == sorted(expected)
+    assert ENOUGH <= 16
