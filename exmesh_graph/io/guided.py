@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 NEAR = 4.0
 """Pixels from the epipolar lines (Sampson's distance), or from where a plane carries the feature."""
@@ -20,7 +21,7 @@ LEAST = 15
 """Matches of a pair that count, as COLMAP's of which a geometry is made."""
 _RATIO, _FAR = 0.8, 0.7
 """Angle to the nearest descriptor over that to the second, and that to the nearest in radians, at most."""
-_ROWS = 64
+_ROWS = 256
 _NONE = -2.0
 
 
@@ -47,7 +48,8 @@ def match_guided(colmap: Any, database: Path, threads: int = 1) -> None:
                 return matches_along(one.normalised, other.normalised, *units, np.asarray(geometry.E), near)
             return matches_along(one.places, other.places, *units, np.asarray(geometry.F), NEAR)
 
-        with ThreadPoolExecutor(threads) as pool:
+        # threads of BLAS within these threads would wait for one another by spinning
+        with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(threads) as pool:
             matched = pool.map(lambda held: again(*held), found)
             for (pair, geometry), matches in zip(found, matched, strict=True):
                 geometry.inlier_matches = matches.astype(np.uint32)

@@ -96,7 +96,7 @@ def test_cameras_and_points_are_found_and_repeat_to_the_byte(folder, tmp_path):
     assert not photos.alpha
     whole = photos.scene(world=scene.frame, masks=False)  # the same world with what lies around the ball
     assert (scene.train.has_masks, whole.train.has_masks) == (True, False)
-    assert np.array_equal(whole.train.camera_to_world, scene.train.camera_to_world)
+    np.testing.assert_allclose(whole.train.camera_to_world, scene.train.camera_to_world, rtol=0, atol=1e-13)
     outside = np.asarray(scene.train.alpha) == 0
     assert not np.asarray(scene.train.images)[outside].any()
     assert np.asarray(whole.train.images)[outside].any(axis=1).mean() > 0.9
@@ -324,11 +324,20 @@ def test_few_points_are_looked_for_in_the_wide_way_and_in_even_pictures(
 
     colmap = SimpleNamespace(logging=SimpleNamespace(minloglevel=0), set_random_seed=lambda seed: None)
     monkeypatch.setattr(motion, "import_pycolmap", lambda: colmap)
-    for nothing in ("_features", "_match", "map_cameras", "turning_masks", "even_pictures"):
+    asked: list[tuple[str, str | None]] = []
+
+    def pairs(_, database, *given):
+        asked.append((database.parent.name, given[-1] and given[-1].parent.name))
+
+    monkeypatch.setattr(motion, "_pairs", pairs)
+    for nothing in ("_features", "_match", "match_guided", "map_cameras", "turning_masks", "even_pictures"):
         monkeypatch.setattr(motion, nothing, lambda *given, **named: None)
     monkeypatch.setattr(motion, "motion_of", found)
     for way in ("auto", *(way for way, figures in given.items() if figures)):
         work = tmp_path / way
         work.mkdir()
         settings = MotionSettings(matching=way)
+        asked.clear()
         assert find_motion(images, {}, settings, work).matching == (taken if way == "auto" else way)
+        assert asked[0] == ("plain" if way == "auto" else way, None)
+        assert all(before == "plain" for _, before in asked[1:])  # what looked alike there is asked again
