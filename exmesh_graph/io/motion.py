@@ -220,10 +220,10 @@ def _pairs(
 ) -> list[tuple[str, str]] | None:
     """Names of the pictures that are matched: of many the likely ones, of few all (None); of those that were matched
     `before`, in another database, the ones that looked alike there."""
-    known = [] if before is None else matched_pairs(colmap, before)
     if settings.partners and len(names) > MANY:
+        known = [] if before is None else matched_pairs(colmap, before, enough=0)
         return sorted({*known, *likely_pairs(colmap, database, settings.partners)})
-    return known or None
+    return None if before is None else matched_pairs(colmap, before)
 
 
 def _match(

@@ -39,9 +39,9 @@ def likely_pairs(colmap: Any, database: Path, partners: int) -> list[tuple[str, 
     return [(names[i], names[j]) for i, j in sorted(pairs)]
 
 
-def matched_pairs(colmap: Any, database: Path) -> list[tuple[str, str]]:
+def matched_pairs(colmap: Any, database: Path, enough: int = ENOUGH) -> list[tuple[str, str]]:
     """Pairs of names that are alike by COLMAP's database of matches (15 of them, verified or not), and all pairs of a
-    picture that has fewer than `ENOUGH` such partners."""
+    picture that has fewer than `enough` such partners."""
     opened = colmap.Database.open(database)
     try:
         names = {image.image_id: image.name for image in opened.read_all_images()}
@@ -50,7 +50,7 @@ def matched_pairs(colmap: Any, database: Path) -> list[tuple[str, str]]:
     finally:
         opened.close()
     held = Counter(number for pair in alike for number in pair)
-    few = [number for number in names if held[number] < ENOUGH]
+    few = [number for number in names if held[number] < enough]
     pairs = [*alike, *((number, other) for number in few for other in names if other != number)]
     named = (sorted((names[one], names[other])) for one, other in pairs)
     return sorted({(one, other) for one, other in named})

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import quote
 
 import numpy as np
 
@@ -32,7 +33,8 @@ class Working:
     """A picture as everything behind it takes it.
 
     name     of the file as it was given
-    image    file with upright pixels at the working size, or lying ones (`quarter`)
+    image    file with upright pixels at the working size, or lying ones (`quarter`); its name has no spaces, which
+             part the names in COLMAP's lists of pairs
     mask     likewise, of the same size; or None
     size     (width, height) of both
     scale    working pixels for one pixel of the file
@@ -109,7 +111,7 @@ def _made(pair: tuple[Path, Path | None], header: Header, plan: _Plan, folder: P
     plain = picture.suffix.lower() in PLAIN
     stays = plan.factor == 1 and _same(header.orientation, plan.quarter)
     if plain and stays and picture_size(picture) == header.size:
-        image = folder / picture.name
+        image = folder / quote(picture.name)
         image.symlink_to(picture.resolve())
     else:
         codes = read_codes(picture)
@@ -122,7 +124,7 @@ def _made(pair: tuple[Path, Path | None], header: Header, plan: _Plan, folder: P
         codes = np.rot90(turned(codes, header.orientation), plan.quarter)
         if plan.factor > 1:
             codes = reduced_codes(codes, plan.factor)
-        image = folder / f"{picture.name}.png"
+        image = folder / f"{quote(picture.name)}.png"
         write_codes(image, np.ascontiguousarray(codes))
     size = header.size if stays else picture_size(image)
     return Working(

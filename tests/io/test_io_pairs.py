@@ -76,3 +76,4 @@ def test_pictures_that_looked_alike_are_asked_again_and_those_that_look_like_few
     assert set(pairs) == expected
     assert pairs == sorted(expected)
     assert ENOUGH <= 16
+    assert len(matched_pairs(colmap, tmp_path, enough=0)) == len(ring)  # of many pictures none is matched with all

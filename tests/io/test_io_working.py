@@ -127,6 +127,18 @@ def test_large_pictures_are_reduced_with_masks_and_focal_length(tmp_path):
     assert prepare([(tmp_path / "a.png", None)], tmp_path / "v", 1.0)[0].image.is_symlink()
 
 
+def test_names_with_spaces_stay_and_their_files_have_none(tmp_path):
+    names = ["IMG (1).png", "IMG (2).png", "IMG%20(2).png"]
+    for name in names:
+        Image.new("RGB", (60, 40)).save(tmp_path / name)
+    made = prepare([(tmp_path / name, None) for name in names], tmp_path / "w", 0)
+    assert [one.name for one in made] == names
+    files = [one.image.name for one in made]
+    assert len(set(files)) == 3
+    assert not any(" " in file for file in files)
+    assert files == sorted(files, key=lambda file: names[files.index(file)])
+
+
 def test_a_sharper_camera_is_reduced_until_it_just_holds_the_common_size(tmp_path):
     for i, size in enumerate([(60, 40), (60, 40), (120, 100)]):
         save(tmp_path / f"{i}.png", codes(*size, seed=i))
