@@ -40,13 +40,13 @@ def match_guided(colmap: Any, database: Path, threads: int = 1) -> None:
 
         def again(pair: tuple[int, int], geometry: Any) -> np.ndarray:
             one, other = (pictures[number] for number in pair)
-            units = one.units(), other.units()
+            described = one.described, other.described
             if geometry.config in flat:
-                return matches_along(one.places, other.places, *units, np.asarray(geometry.H), NEAR, flat=True)
+                return matches_along(one.places, other.places, *described, np.asarray(geometry.H), NEAR, flat=True)
             if geometry.config == kinds.CALIBRATED:
                 near = (one.near + other.near) / 2
-                return matches_along(one.normalised, other.normalised, *units, np.asarray(geometry.E), near)
-            return matches_along(one.places, other.places, *units, np.asarray(geometry.F), NEAR)
+                return matches_along(one.normalised, other.normalised, *described, np.asarray(geometry.E), near)
+            return matches_along(one.places, other.places, *described, np.asarray(geometry.F), NEAR)
 
         # threads of BLAS within these threads would wait for one another by spinning
         with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(threads) as pool:
@@ -78,11 +78,6 @@ class _Picture:
         normalised = np.asarray(camera.cam_from_img(places)).reshape(-1, 2) if len(places) else places
         return cls(places, normalised, float(camera.cam_from_img_threshold(NEAR)), described)
 
-    def units(self) -> np.ndarray:
-        """float32 [P, 128], descriptors of length 1."""
-        found = self.described.astype(np.float32)
-        return found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1.0)
-
 
 def matches_along(
     first: np.ndarray,
@@ -97,9 +92,11 @@ def matches_along(
     """int [M, 2]: features that are nearest to one another among those the pair's geometry allows, and clearly so.
 
     first, second  [P, 2] and [Q, 2], their places (x, y), in pixels or without the lens
-    one, other     float32 [P, 128] and [Q, 128], their descriptors, of length 1
+    one, other     uint8 [P, 128] and [Q, 128], their descriptors
     matrix         [3, 3], fundamental or essential (x2 F x1 = 0) or, of a `flat` scene, the homography from the first
     near           how far a match may be from what the matrix says, in the unit of the places
+
+    Sums of products of bytes are exact in float32, so no thread and no processor changes a match.
     """
     if not len(first) or not len(second):
         return np.zeros((0, 2), int)
@@ -107,8 +104,11 @@ def matches_along(
     back = _Nearest(len(second))
     allowed = _about(first, second, matrix, near) if flat else _along(first, second, matrix, near)
     every = np.arange(len(second))
+    mine, theirs = one.astype(np.float32), other.astype(np.float32)
+    length, theirs_length = (np.maximum(np.linalg.norm(part, axis=1), 1.0) for part in (mine, theirs))
     for rows, there in allowed:
-        cosines = np.where(there, one[rows] @ other.T, np.float32(_NONE))
+        cosines = mine[rows] @ theirs.T / length[rows, None] / theirs_length
+        cosines[~there] = _NONE
         forth.see(rows, every, cosines.T)
         back.see(every, rows, cosines)
     clear = np.flatnonzero(forth.clear())

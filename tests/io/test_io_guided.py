@@ -12,6 +12,7 @@ from exmesh_graph.io.images import write_image
 def written_out(first, second, one, other, matrix, near, flat):
     """One pair of features at a time, in float64."""
     cosines = np.full((len(first), len(second)), -2.0)
+    lengths = [np.linalg.norm(part.astype(float), axis=1) for part in (one, other)]
     for i, a in enumerate(np.c_[first, np.ones(len(first))]):
         for j, b in enumerate(np.c_[second, np.ones(len(second))]):
             line, back = matrix @ a, matrix.T @ b
@@ -20,7 +21,7 @@ def written_out(first, second, one, other, matrix, near, flat):
             else:
                 off = abs(b @ line) / np.sqrt((line[:2] ** 2).sum() + (back[:2] ** 2).sum())
             if off <= near:
-                cosines[i, j] = one[i].astype(float) @ other[j].astype(float)
+                cosines[i, j] = one[i].astype(float) @ other[j].astype(float) / lengths[0][i] / lengths[1][j]
     found = set()
     for i in range(len(first)):
         j = int(cosines[i].argmax())
@@ -54,8 +55,9 @@ def scene(rng, count, flat, kinds=0):
         matrix = k @ (turn + np.outer(shift, [0, 0, 1]) / 4) @ inverse
     kinds = rng.integers(0, 256, (kinds or max(1, count // 2), 128))  # of two of a kind only the place tells
     which = np.arange(count) % len(kinds)
-    one, other = (np.clip(kinds[which] + rng.normal(0, 9, (count, 128)), 0, 255).astype(np.float32) for _ in range(2))
-    one, other = (part / np.linalg.norm(part, axis=1, keepdims=True) for part in (one, other))
+    one, other = (
+        np.clip(kinds[which] + rng.normal(0, 9, (count, 128)), 0, 255).round().astype(np.uint8) for _ in range(2)
+    )
     order = rng.permutation(count)
     return first, second[order] + rng.normal(0, 0.5, (count, 2)), one, other[order], matrix, order
 
@@ -80,7 +82,7 @@ def test_features_that_look_alike_are_told_apart_by_their_place(flat):
 
 def test_no_features_have_no_matches():
     nothing, some = np.zeros((0, 2)), np.ones((3, 2))
-    described = np.eye(3, 128, dtype=np.float32)
+    described = np.eye(3, 128, dtype=np.uint8)
     for first, second, one, other in (
         (nothing, some, described[:0], described),
         (some, nothing, described, described[:0]),
@@ -125,12 +127,12 @@ def database(colmap, folder, *, guided):
     opened = colmap.Database.open(file)
     for k, flat in enumerate((False, True)):
         first, second, one, other, _, _ = scene(np.random.default_rng(7 + k), 240, flat, kinds=160)
-        for name, places, units in ((names[2 * k], first, one), (names[2 * k + 1], second, other)):
+        for name, places, found in ((names[2 * k], first, one), (names[2 * k + 1], second, other)):
             number = opened.read_image_with_name(name).image_id
             opened.write_keypoints(number, places.astype(np.float32))
-            described = colmap.FeatureDescriptors(
-                type=colmap.FeatureExtractorType.SIFT, data=np.round(512 * units).clip(0, 255).astype(np.uint8)
-            )
+            whole = found.astype(float)
+            data = np.round(512 * whole / np.linalg.norm(whole, axis=1, keepdims=True)).clip(0, 255).astype(np.uint8)
+            described = colmap.FeatureDescriptors(type=colmap.FeatureExtractorType.SIFT, data=data)
             opened.write_descriptors(number, described)
     opened.close()
     listed = folder / "pairs.txt"
