@@ -159,8 +159,8 @@ def _found(ctx: Context, views: Views, depths: DepthMaps, p: AutoParams) -> tupl
     from exmesh_graph.gpu.torch_setup import sharing
     from exmesh_graph.masks.agreement import agreed_masks
     from exmesh_graph.masks.decide import found_row, none_row, table_row
-    from exmesh_graph.masks.ground import Table
     from exmesh_graph.masks.object import object_of_depths
+    from exmesh_graph.masks.table import Table
 
     with sharing(p.threads):
         try:

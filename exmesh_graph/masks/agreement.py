@@ -11,12 +11,12 @@ from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.masks.confirmed import confirmed
 from exmesh_graph.masks.drawn import drawn_outlines
 from exmesh_graph.masks.edges import better_parts, on_edges
-from exmesh_graph.masks.ground import Table
 from exmesh_graph.masks.grown import maybe_shown
 from exmesh_graph.masks.last import Given, healed, opened, undercut
 from exmesh_graph.masks.outlines import Small, refined, small_masks
 from exmesh_graph.masks.settings import AgreementSettings, CutSettings
 from exmesh_graph.masks.shape import common_shape
+from exmesh_graph.masks.table import Table
 from exmesh_graph.types import Views
 
 _OTHER = 0.7

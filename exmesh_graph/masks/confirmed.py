@@ -13,11 +13,11 @@ from scipy.ndimage import binary_dilation, label
 
 from exmesh_graph.gpu.cores import share
 from exmesh_graph.masks.explained import explained
-from exmesh_graph.masks.ground import Table
 from exmesh_graph.masks.last import Given
 from exmesh_graph.masks.outlines import Small
 from exmesh_graph.masks.pinhole import pixels_of, rays_of
 from exmesh_graph.masks.shape import OUTVOTED
+from exmesh_graph.masks.table import Table
 
 _ABOVE, _ROOM = 0.02, 0.1  # of the object's size: above the table, and around the object, what is looked at
 _CELL = 1.6  # pixels: of the grid by which things hang together

@@ -1,26 +1,26 @@
-"""The table that an object stands on, as all views together show it: a picture of it without the object.
+"""A picture of the table that an object stands on, without the object.
 
-Where a view's pixel looks at the table, other views that look past the object from elsewhere know its colour. A pixel
-of this colour shows the table, one of another colour the object, even where both are of the same wood; and gaps through
-which the table is seen are found inside the outline. Below the object the picture comes from pixels that no depth of
-the object explains (`explained`).
+Places that views show beside the object are sure. Below it the picture comes from pixels within the outline that no
+depth of the object explains (`explained`), or beside it, where stereo has no table: they show the table in its shade,
+or what the outline lacks of a plain pot. Shade is the table's colour, darker; and only a table has a pattern that the
+views see at the same places.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
-from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filter
+from scipy.ndimage import distance_transform_edt, find_objects, gaussian_filter, median_filter
 
 from exmesh_graph.geometry.robust import robust
 from exmesh_graph.gpu.cores import share
+from exmesh_graph.io.color import srgb_to_linear
 from exmesh_graph.io.resample import bilinear
-from exmesh_graph.masks.cut import together
-from exmesh_graph.masks.explained import explained
 from exmesh_graph.masks.pinhole import pixels_of, rays_of
 from exmesh_graph.masks.plane import Plane
-from exmesh_graph.types import DepthMaps, Views
+from exmesh_graph.types import Views
 
 _VIEWS = 64
 """Views that the picture of the table is made of, at most."""
@@ -29,11 +29,13 @@ _TEXELS = (64, 512)
 _PART = 1 << 16
 _BESIDE = 3.0
 """How far around the object the table is known, in half diagonals of its base."""
-_LOOSE = 2
-"""Pixels by which an outline may be off."""
-_RIM, _SURE = 8, 0.99
-"""Pixels inside an outline that are more likely the table's than those deeper in, where the object hides it, explained
-or not; and of a mean of such pixels."""
+_SURE = 0.99
+"""Of a mean of pixels, which are of one kind."""
+_PATTERN, _FLECK = 9, 0.01
+"""Texels: the neighbourhood in which a pattern is looked for; deviation of display values in it, at least."""
+_NEAR, _SHADE, _HUE = 16.0, 0.45, 0.5
+"""Texels: standard deviation over which the table beside a place is asked for its colour; of that linear colour, the
+share that is left in the shade, at most; of what is left, how far it may be off in hue."""
 _NOISE = 0.02
 _UNSURE = 0.08
 """Deviations of display values: of one picture, and between views, from which on a place of the table says nothing."""
@@ -41,20 +43,13 @@ _LIGHT = 0.05
 """Of the picture's longer side: over what distance a view's light on the table is taken for even."""
 _FINE = 4.0
 """Pixels that the width of a mean over a view's light keeps in a smaller picture."""
-_BINS = 12
-_LEAST_CHANCE, _MOST = 0.02, 0.85
-"""Chances that colour alone can give."""
-_OWN, _FOREIGN = 0.2, 0.7
-"""Chances that a pixel inside the outline shows the table: where the object's depth explains it, and where it does not
-but the table's colour does."""
 
 
-@dataclass(frozen=True)
-class Table:
-    """The plane that an object stands on, and the views' depth maps that it was found by."""
+class Kind(IntEnum):
+    """How surely a pixel shows the table: it does not; deep inside the outline, unexplained; so near its rim, or beside
+    it where stereo has no table; beside it."""
 
-    plane: Plane
-    depths: DepthMaps
+    NOT, DEEP, RIM, BESIDE = 0, 1, 2, 3
 
 
 @dataclass(frozen=True)
@@ -98,74 +93,73 @@ class Ground:
         return np.moveaxis(place, -1, 0) - 0.5, down & (far > 0)
 
 
-def table_shown(
-    plane: Plane, views: Views, pictures: np.ndarray, depth: np.ndarray, outlines: np.ndarray, vertices: np.ndarray
-) -> np.ndarray | None:
-    """float64 [N, h, w] in (0, 1): how likely pixels show the table and not the object; 0.5 where that is not known.
-
-    pictures  float32 [N, h, w, 3], the views' display colour
-    depth     [N, h, w], found by stereo; 0 where there is none
-    outlines  bool [N, h, w], about what shows the object (vertices [V, 3])
-    None where no place of the table is seen by three views.
-    """
-    own = explained(views, depth, pictures, outlines)
-    outside = np.stack([~binary_dilation(one, iterations=_LOOSE) for one in outlines])
-    usable = outside | (outlines & ~own)
-    rim = np.stack(share(lambda one: distance_transform_edt(one) <= _RIM, outlines))
-    ground = ground_of(plane, views, pictures, usable, usable & rim, vertices)
-    if ground is None:
-        return None
-    alike = np.stack(share(ground.alike, pictures, outlines, views.intrinsics, views.world_to_camera))
-    by_colour = chances(alike, outside, own)
-    by_depth = np.where(own, _OWN, np.where(by_colour > 0.5, _FOREIGN, 0.5))
-    return together(by_colour, np.where(outlines & np.isfinite(alike), by_depth, 0.5))
-
-
-def chances(alike: np.ndarray, table: np.ndarray, own: np.ndarray) -> np.ndarray:
-    """float64, as `alike`: the chance that a pixel shows the table, even odds given; 0.5 where `alike` is NaN.
-
-    By how often pixels that show the `table` and pixels of the object's `own` are so alike: where the object has the
-    table's colours too, as before a black ground, likeness says little. The more alike the likelier.
-    """
-    known = np.isfinite(alike)
-    if not (table & known).any() or not (own & known).any():
-        return np.full(alike.shape, 0.5)
-    bins = np.minimum((np.where(known, alike, 0) * _BINS).astype(int), _BINS - 1)
-    there, here = (np.bincount(bins[part & known], minlength=_BINS) + 1.0 for part in (table, own))
-    odds = np.maximum.accumulate((there / there.sum()) / (here / here.sum()))
-    chance = np.clip(odds / (1 + odds), _LEAST_CHANCE, _MOST)
-    return np.where(known, chance[bins], 0.5)
-
-
 def ground_of(
-    plane: Plane, views: Views, pictures: np.ndarray, usable: np.ndarray, likely: np.ndarray, vertices: np.ndarray
+    plane: Plane, views: Views, pictures: np.ndarray, kinds: np.ndarray, vertices: np.ndarray
 ) -> Ground | None:
-    """The picture of the plane around the base of vertices [V, 3], from the pixels `usable` bool [N, h, w].
+    """The picture of the plane around the base of vertices [V, 3]; kinds uint8 [N, h, w], each pixel's `Kind`.
 
-    likely  bool [N, h, w], which of them alone count where enough of these show a place
-
-    None where no place of it is seen by three views.
+    What fewer than three views show `BESIDE` the object, less sure pixels tell where they have a `_patterned` colour,
+    and those of the `RIM` a `_shaded` one as well. None where no place is known.
     """
     chosen = np.unique(np.linspace(0, len(views) - 1, min(_VIEWS, len(views))).round().astype(int))
     origin, across, size = _grid(plane, vertices, views)
     texels = np.moveaxis(np.indices((size, size)), 0, -1).reshape(-1, 2) + 0.5
-    points = origin + texels @ across
+    points, square = origin + texels @ across, (size, size)
 
     def shown(view: int) -> np.ndarray:
         place, _ = pixels_of(points, views.intrinsics[view], views.world_to_camera[view])
-        known = np.concatenate([pictures[view], likely[view][..., None]], axis=-1, dtype=np.float32)
-        return bilinear(np.where(usable[view][..., None], known, np.float32(np.nan)), place)
+        kind = kinds[view][..., None]
+        known = np.concatenate([pictures[view], kind >= Kind.RIM, kind >= Kind.BESIDE], axis=-1, dtype=np.float32)
+        return bilinear(np.where(kind > Kind.NOT, known, np.float32(np.nan)), place)
 
     seen = np.stack(share(shown, chosen))
-    colour, spread, count = _middle(np.where(seen[..., 3:] > _SURE, seen[..., :3], np.float32(np.nan)))
+    rim, beside = (seen[..., channel : channel + 1] > _SURE for channel in (3, 4))
+    colour, spread, count = _middle(np.where(beside, seen[..., :3], np.float32(np.nan)))
     few = count < _LEAST
-    colour[few], spread[few], count[few] = _middle(seen[:, few, :3])
-    enough = count >= _LEAST
-    if not enough.any():
+    table = np.where(few[:, None], np.float32(np.nan), colour).reshape(*square, 3)
+    for kind in (Kind.RIM, Kind.DEEP):
+        counted = seen[:, few, :3]
+        if kind == Kind.RIM:
+            counted = np.where(rim[:, few], counted, np.float32(np.nan))
+        colour[few], spread[few], count[few] = _middle(counted)
+        here, found = (few & (count >= _LEAST)).reshape(square), colour.reshape(*square, 3)
+        told = _patterned(found, np.where(here, spread.reshape(square), np.nan))
+        if kind == Kind.RIM:
+            told |= here & _shaded(found, table)
+        few &= ~told.ravel()
+    if few.all():
         return None
-    colour[~enough], spread[~enough] = np.nan, np.nan
-    square = size, size
+    colour[few], spread[few] = np.nan, np.nan
     return Ground(colour.reshape(*square, 3), spread.reshape(square), origin, across, plane)
+
+
+def _patterned(colour: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    """bool [T, T]: texels around which colours [T, T, 3] vary more than views disagree on them.
+
+    spread  [T, T], from view to view; NaN: not asked
+    By medians: the border of two plain things is no pattern.
+    """
+    told, asked = np.zeros(spread.shape, bool), np.isfinite(spread)
+    if not asked.any():
+        return told
+    box = find_objects(asked.astype(np.uint8))[0]
+    known = tuple(distance_transform_edt(~asked[box], return_distances=False, return_indices=True))
+    gray, spread = colour[box].mean(axis=-1)[known], spread[box][known]
+    off = np.abs(gray - median_filter(gray, _PATTERN))
+    varied, noise = 1.4826 * median_filter(off, _PATTERN), median_filter(spread, _PATTERN)
+    told[box] = asked[box] & (varied > np.maximum(noise, _FLECK))
+    return told
+
+
+def _shaded(colour: np.ndarray, table: np.ndarray) -> np.ndarray:
+    """bool [T, T]: the display colour [T, T, 3] is that of the `table` [T, T, 3] nearby (NaN: unknown), but darker."""
+    known = np.isfinite(table[..., :1])
+    near = np.concatenate([np.where(known, srgb_to_linear(table), 0), known], axis=-1)
+    near = gaussian_filter(near, (_NEAR, _NEAR, 0))
+    lit, own = near[..., :3] / np.maximum(near[..., 3:], 1e-6), srgb_to_linear(colour)
+    left = (own * lit).sum(axis=-1) / np.maximum(np.square(lit).sum(axis=-1), 1e-6)
+    off = np.linalg.norm(own - left[..., None] * lit, axis=-1)
+    return (near[..., 3] > 1e-3) & (left < _SHADE) & (off < _HUE * left * np.linalg.norm(lit, axis=-1))
 
 
 def _middle(seen: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -14,9 +14,9 @@ from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.train_size import reduced
 from exmesh_graph.masks.cut import moved_to_edges
 from exmesh_graph.masks.drawn import drawn_outlines
-from exmesh_graph.masks.ground import Table, table_shown
 from exmesh_graph.masks.pinhole import thinned
 from exmesh_graph.masks.settings import CutSettings
+from exmesh_graph.masks.table import Table, table_shown
 from exmesh_graph.types import Views
 
 _SMALL = 256

@@ -6,7 +6,7 @@ import numpy as np
 
 from exmesh_graph.geometry.grounded import Grounded
 from exmesh_graph.geometry.hull import SilhouetteField, visual_hull
-from exmesh_graph.masks.ground import Table
+from exmesh_graph.masks.table import Table
 from exmesh_graph.types import Views
 
 #: The share of the views that may be wrong anywhere.

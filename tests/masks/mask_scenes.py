@@ -8,11 +8,11 @@ import numpy as np
 import torch
 
 from exmesh_graph.geometry.shapes import icosphere
-from exmesh_graph.masks.ground import Table
 from exmesh_graph.masks.last import Given
 from exmesh_graph.masks.outlines import Small
 from exmesh_graph.masks.plane import Plane
 from exmesh_graph.masks.settings import CutSettings
+from exmesh_graph.masks.table import Table
 from exmesh_graph.raster import rasterize
 from exmesh_graph.testing import look_at
 from exmesh_graph.types import DepthMaps, Views
