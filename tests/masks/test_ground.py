@@ -109,7 +109,7 @@ def test_an_outline_that_is_off_comes_back(bench):
         off = outlines != bench.masks
         told = np.where(bench.masks, likely < 0.4, likely > 0.6)[off]
         wrong = np.where(bench.masks, likely > 0.6, likely < 0.4)[off]
-        assert told.mean() > 0.18, moved
+        assert told.mean() > 0.25, moved
         assert told.sum() > 3 * wrong.sum(), moved
 
 
