@@ -1,16 +1,15 @@
 """Matches looked for again where a pair's geometry allows them: along epipolar lines, or about a plane's image.
 
 COLMAP does so too (`guided_matching`), and compares every feature of one picture with every one of the other, also with
-those far from the line. Here only what lies near it is asked, which takes a third of the time.
+those far from the line. Here only descriptors of what lies near it are compared, which takes a tenth of the time.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -96,21 +95,24 @@ def matches_along(
     matrix         [3, 3], fundamental or essential (x2 F x1 = 0) or, of a `flat` scene, the homography from the first
     near           how far a match may be from what the matrix says, in the unit of the places
 
-    Sums of products of bytes are exact in float32, so no thread and no processor changes a match.
+    Sums of products of bytes are exact in float32, and features are asked in their order: no thread and no processor
+    changes a match.
     """
+    import torch
+
+    from exmesh_graph.gpu.warp_runtime import launch
+    from exmesh_graph.io.kernels_guided import nearest_allowed
+
     if not len(first) or not len(second):
         return np.zeros((0, 2), int)
-    forth = _Nearest(len(first))
-    back = _Nearest(len(second))
-    allowed = _about(first, second, matrix, near) if flat else _along(first, second, matrix, near)
-    every = np.arange(len(second))
     mine, theirs = one.astype(np.float32), other.astype(np.float32)
-    length, theirs_length = (np.maximum(np.linalg.norm(part, axis=1), 1.0) for part in (mine, theirs))
-    for rows, there in allowed:
-        cosines = mine[rows] @ theirs.T / length[rows, None] / theirs_length
-        cosines[~there] = _NONE
-        forth.see(rows, every, cosines.T)
-        back.see(every, rows, cosines)
+    lengths = [np.maximum(np.linalg.norm(part, axis=1), 1) for part in (mine, theirs)]
+    forth, back = _Nearest.of(len(first)), _Nearest.of(len(second))
+    allowed = (_about if flat else _along)(first, second, matrix, near)
+    held = [torch.from_numpy(np.ascontiguousarray(part)) for part in (second, *allowed, *lengths, *forth, *back)]
+    for start in range(0, len(first), _ROWS):
+        products = torch.from_numpy(mine[start : start + _ROWS] @ theirs.T)
+        launch(nearest_allowed, 1, start, len(products), len(second), int(flat), products, *held)
     clear = np.flatnonzero(forth.clear())
     match = forth.which[clear]
     mutual = back.clear()[match] & (back.which[match] == clear)
@@ -119,54 +121,37 @@ def matches_along(
 
 def _along(
     first: np.ndarray, second: np.ndarray, fundamental: np.ndarray, near: float
-) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Parts of the features of the first picture, and bool [R, Q]: those of the second within `near` pixels of their
-    epipolar lines (Sampson's distance)."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(epipolar lines [P, 3] in the second picture; [P] and [Q], whose sum is the square of what x2 F x1 may be, for
+    Sampson's distance of at most `near`)."""
     ones, others = (np.concatenate([part, np.ones((len(part), 1))], axis=1) for part in (first, second))
-    forth = ones @ fundamental.T  # lines in the second picture
-    back = np.square(others @ fundamental[:, :2]).sum(axis=1)
-    for rows in _parts(len(first)):
-        scale = near**2 * (np.square(forth[rows, :2]).sum(axis=1)[:, None] + back)
-        yield rows, np.square(forth[rows] @ others.T) <= scale
+    lines = ones @ fundamental.T
+    widths = (np.square(part[:, :2]).sum(axis=1) for part in (lines, others @ fundamental))
+    return lines, *(near**2 * part for part in widths)
 
 
 def _about(
     first: np.ndarray, second: np.ndarray, homography: np.ndarray, near: float
-) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """The same with those within `near` pixels of where the homography carries them."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(places [P, 3] to which the homography carries the first; `near` squared [P]; zeros [Q])."""
     carried = np.concatenate([first, np.ones((len(first), 1))], axis=1) @ homography.T
     with np.errstate(divide="ignore", invalid="ignore"):
-        carried = carried[:, :2] / carried[:, 2:]
-    for rows in _parts(len(first)):
-        yield rows, np.square(carried[rows, None] - second).sum(axis=-1) <= near**2
+        return carried / carried[:, 2:], np.full(len(first), near**2), np.zeros(len(second))
 
 
-def _parts(count: int) -> Iterator[np.ndarray]:
-    for start in range(0, count, _ROWS):
-        yield np.arange(start, min(start + _ROWS, count))
+class _Nearest(NamedTuple):
+    """Of features [P] the cosines of the nearest and the second nearest allowed, and `which` the nearest is."""
 
+    best: np.ndarray
+    second: np.ndarray
+    which: np.ndarray
 
-class _Nearest:
-    """Of features [P] the cosines of the nearest and the second nearest that were seen, and `which` the nearest is."""
-
-    def __init__(self, count: int) -> None:
-        self._best, self._second = np.full((2, count), _NONE, np.float32)
-        self.which = np.zeros(count, int)
-
-    def see(self, features: np.ndarray, others: np.ndarray, cosines: np.ndarray) -> None:
-        """Take in the cosines [O, F] of `features` [F] with `others` [O]."""
-        at = cosines.argmax(axis=0), np.arange(len(features))
-        best = cosines[at]
-        cosines[at] = _NONE
-        second = np.maximum(cosines.max(axis=0), self._second[features])
-        cosines[at] = best
-        held = self._best[features]
-        nearer = best > held
-        self._second[features] = np.maximum(second, np.where(nearer, held, best))
-        self._best[features] = np.where(nearer, best, held)
-        self.which[features] = np.where(nearer, others[at[0]], self.which[features])
+    @classmethod
+    def of(cls, count: int) -> _Nearest:
+        best, second = np.full((2, count), _NONE, np.float32)
+        return cls(best, second, np.zeros(count, np.int32))
 
     def clear(self) -> np.ndarray:
         """bool [P]: the nearest is near, and clearly nearer than the second."""
-        nearest, second = (np.arccos(np.clip(cosines, -1, 1)) for cosines in (self._best, self._second))
+        nearest, second = (np.arccos(np.clip(cosines, -1, 1)) for cosines in (self.best, self.second))
         return (nearest <= _FAR) & (nearest < _RATIO * second)
