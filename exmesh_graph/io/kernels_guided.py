@@ -48,8 +48,8 @@ def nearest_allowed(
     """One thread: of `count` features from `first` on and all [others] of another picture the nearest to one another.
 
     By cosine: `products` [count others] of their descriptors over both lengths. What came before, in order, stays held.
-    A feature allows `places` off whose product with its line, or whose distance from what `lines` holds of a `flat`
-    scene, is squared at most the sum of the two `widths`.
+    A feature allows places whose product with its line, squared, is at most the sum of the two `widths`; in a `flat`
+    scene `lines` holds a place, and the distance from it takes the product's place.
     """
     for row in range(count):
         i = first + row
