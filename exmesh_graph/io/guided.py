@@ -1,7 +1,7 @@
 """Matches looked for again where a pair's geometry allows them: along epipolar lines, or about a plane's image.
 
 COLMAP does so too (`guided_matching`), and compares every feature of one picture with every one of the other, also with
-those far from the line. Here only descriptors of what lies near it are compared, which takes a tenth of the time.
+those far from the line. Here only descriptors of what lies near it are compared, which takes a fifth of the time.
 """
 
 from __future__ import annotations

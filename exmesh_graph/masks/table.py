@@ -85,7 +85,8 @@ def _flat(plane: Plane, views: Views, depth: np.ndarray) -> np.ndarray:
 
 
 def _around(plane: Plane, views: Views, vertices: np.ndarray) -> np.ndarray:
-    """bool [N, h, w]: pixels of the least convex body that reaches from vertices [V, 3] down to the plane."""
+    """bool [N, h, w]: pixels of the least convex body that reaches from vertices [V, 3] down to the plane; none where
+    that has no volume."""
     feet = vertices - plane.height(vertices)[:, None] * plane.normal
     points = np.unique(np.concatenate([vertices, feet]).astype(np.float32), axis=0)
     try:
