@@ -85,12 +85,11 @@ class Ground:
     def _places(self, shape: tuple[int, ...], k: np.ndarray, to_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(row and column on the table [2, h, w] of what each pixel looks at, whether it looks down on it [h, w])."""
         rays, eye = rays_of(shape, k, to_camera), -to_camera[:3, :3].T @ to_camera[:3, 3]
-        slope = rays @ self.plane.normal
-        down = slope < -1e-6
-        far = (self.plane.offset - eye @ self.plane.normal) / np.where(down, slope, -1)
+        far = self.plane.met(rays, to_camera)
+        there = np.isfinite(far)
         steps = self.across / np.square(self.across).sum(axis=1, keepdims=True)
-        place = (eye + far[..., None] * rays - self.origin) @ steps.T
-        return np.moveaxis(place, -1, 0) - 0.5, down & (far > 0)
+        place = (eye + np.where(there, far, 0)[..., None] * rays - self.origin) @ steps.T
+        return np.moveaxis(place, -1, 0) - 0.5, there
 
 
 def ground_of(

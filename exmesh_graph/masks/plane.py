@@ -36,6 +36,14 @@ class Plane:
         """Signed distance [P] of points [P, 3] above the plane."""
         return points @ self.normal - self.offset
 
+    def met(self, rays: np.ndarray, to_camera: np.ndarray) -> np.ndarray:
+        """How many times its ray [..., 3] lies between a camera [4, 4] and the plane [...]; inf where the ray does not
+        go down to it."""
+        eye = -to_camera[:3, :3].T @ to_camera[:3, 3]
+        slope, fall = rays @ self.normal, self.offset - eye @ self.normal
+        down = (slope < -1e-6) & (fall < 0)
+        return np.where(down, fall / np.where(down, slope, -1.0), np.inf)
+
     def square(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(vertices float32 [4, 3], faces int32 [2, 3]) of a square of the plane below `points` [P, 3], facing up."""
         side = np.linalg.svd(self.normal[None])[2][1:]

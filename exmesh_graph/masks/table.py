@@ -76,10 +76,9 @@ def _flat(plane: Plane, views: Views, depth: np.ndarray) -> np.ndarray:
 
     def one(view: int) -> np.ndarray:
         to_camera = views.world_to_camera[view]
-        slope = rays_of(depth.shape[1:], views.intrinsics[view], to_camera) @ plane.normal
-        eye = -to_camera[:3, :3].T @ to_camera[:3, 3]
-        far = (plane.offset - eye @ plane.normal) / np.where(slope < -1e-6, slope, -1e-6)
-        return (depth[view] > 0) & (np.abs(depth[view] - far) <= _FLAT * far)
+        far = plane.met(rays_of(depth.shape[1:], views.intrinsics[view], to_camera), to_camera)
+        near = np.abs(depth[view] - np.where(np.isfinite(far), far, 0)) <= _FLAT * far
+        return (depth[view] > 0) & np.isfinite(far) & near
 
     return np.stack(share(one, range(len(depth))))
 
