@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from exmesh_graph.gpu import cores as cores_module
 from exmesh_graph.gpu import crew
-from exmesh_graph.gpu.cores import available, cores, scratch, share, split, workers
+from exmesh_graph.gpu.cores import available, cores, scratch, share, shared, split, workers
 from exmesh_graph.gpu.crew import together
 from exmesh_graph.gpu.warp_runtime import launch
 
@@ -233,6 +233,21 @@ def test_a_launch_keeps_no_memory_of_its_tensors():
 def test_descriptors_of_tensors_reach_kernels_of_every_shape():
     counts = torch.zeros(0, dtype=torch.int32)
     launch(count_items, 0, 0, counts)
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_results_are_made_a_few_before_they_are_asked_for(count):
+    made = []
+
+    def square(a):
+        made.append(a)
+        return a * a
+
+    with cores(count):
+        results = shared(square, range(100))
+        assert [next(results) for _ in range(5)] == [0, 1, 4, 9, 16]
+        assert len(made) <= 5 + count + 1
+        assert list(results) == [a * a for a in range(5, 100)]
 
 
 @pytest.mark.parametrize("count", [1, 3])

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter
 
 from exmesh_graph.geometry.hull import SilhouetteField, visual_hull
+from exmesh_graph.gpu.cores import share
 
 #: Voxels along the longest side of the hull that is looked at; of these a cell of a picture holds about two.
 VOXELS = 128
@@ -49,9 +50,7 @@ def footing(field: SilhouetteField) -> Footing | None:
     low, high = points.min(0), points.max(0)
     size = float((high - low).max())
     cell = _CELL * size / VOXELS
-    lowest = min(
-        _tops(points, k, pose, cell).min() for k, pose in zip(field.intrinsics, field.world_to_camera, strict=True)
-    )
+    lowest = min(share(lambda k, pose: _tops(points, k, pose, cell).min(), field.intrinsics, field.world_to_camera))
     level = float(lowest) - cell
     return Footing(level, level - float(low[1])) if level - low[1] >= _LEAST * size else None
 

@@ -22,7 +22,7 @@ from exmesh_graph.errors import DataError, GeometryError
 from exmesh_graph.geometry.adjacency import signed_volume
 from exmesh_graph.geometry.close_ups import close_ups, cuts_off
 from exmesh_graph.geometry.pixels import FINENESS, pixel_width
-from exmesh_graph.gpu.cores import split
+from exmesh_graph.gpu.cores import share, split
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.gpu.warp_runtime import warp
 from exmesh_graph.types import Views
@@ -102,11 +102,12 @@ class SilhouetteField:
             raise DataError("the visual hull needs views, there are none", expected="at least one training view")
         count, height, width = alpha.shape
         factor = next(f for f in range(1, height + width) if 4 * count * (height // f) * (width // f) <= _FIELD_BYTES)
-        boxes, cut = [], np.zeros(count, bool)
-        for view, mask in enumerate(alpha):
-            inside = reduced_mask(mask, factor) >= 0.5
-            boxes.append(_box(inside))
-            cut[view] = cuts_off(inside)
+
+        def outline(view: int) -> tuple[tuple[int, int, int, int] | None, bool]:
+            inside = reduced_mask(alpha[view], factor) >= 0.5
+            return _box(inside), cuts_off(inside)
+
+        boxes, cut = zip(*share(outline, range(count)), strict=True)
         empty = [name for name, box in zip(names, boxes, strict=True) if box is None]
         if empty:
             raise DataError(
@@ -118,17 +119,20 @@ class SilhouetteField:
                 f"wrong_masks {wrong_masks} leaves no view to decide", expected=f"fewer than the {len(alpha)} views"
             )
         shape = height // factor, width // factor
-        partial = close_ups(cut)
+        partial = close_ups(np.array(cut))
         rim = int(partial.any())
         corners, size = _windows(np.array(boxes) + rim, (shape[0] + 2 * rim, shape[1] + 2 * rim))
         distances = np.empty((count, *size), np.float32)
-        for view, (mask, corner) in enumerate(zip(alpha, corners, strict=True)):
+
+        def fill(view: int, corner: np.ndarray) -> None:
             top, left = np.maximum(corner - rim, 0)
             bottom, right = np.minimum(corner + size - rim, shape)
-            shown = silhouette_distance(reduced_mask(mask, factor)[top:bottom, left:right])
+            shown = silhouette_distance(reduced_mask(alpha[view], factor)[top:bottom, left:right])
             beyond = [(place, end - place - n) for place, end, n in zip(
                 (top - corner[0] + rim, left - corner[1] + rim), size, shown.shape, strict=True)]  # fmt: skip
             distances[view] = _bordered(shown, beyond, partial[view])
+
+        share(fill, range(count), corners)
         k = np.array(intrinsics, float)
         k[:, :2] /= factor
         k[:, :2, 2] -= corners[:, ::-1] - rim

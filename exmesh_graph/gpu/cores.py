@@ -121,22 +121,27 @@ def share(function: Callable[..., Result], *items: Iterable[Any]) -> list[Result
     taken when a core will soon be free, so few of those that come from a generator are there at a time. A call has one
     core: what it splits itself stays on its thread.
     """
+    return list(shared(function, *items))
+
+
+def shared(function: Callable[..., Result], *items: Iterable[Any]) -> Iterator[Result]:
+    """The results of `share`, one after another: few more are made than were asked for."""
     count = workers()
     if count <= 1:
-        return [function(*each) for each in zip(*items, strict=True)]
+        yield from (function(*each) for each in zip(*items, strict=True))
+        return
 
     def alone(*each: Any) -> Result:
         with cores(1):  # a new thread does not know of the caller's block
             return function(*each)
 
-    results: list[Result] = []
     waiting: deque[Future[Result]] = deque()
     with ThreadPoolExecutor(count, initializer=torch.set_num_threads, initargs=(1,)) as pool:
         for each in zip(*items, strict=True):
             if len(waiting) > count:
-                results.append(waiting.popleft().result())
+                yield waiting.popleft().result()
             waiting.append(pool.submit(alone, *each))
-        return results + [future.result() for future in waiting]
+        yield from (future.result() for future in waiting)
 
 
 def scratch(name: str, size: int, dtype: torch.dtype = torch.float32) -> torch.Tensor:

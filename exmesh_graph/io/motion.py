@@ -246,7 +246,7 @@ def _match(
         tell(f"matching {every} pairs")
         colmap.match_exhaustive(database, **common)
         return
-    tell(f"matching {len(pairs)} of {every} pairs: those that look alike")
+    tell(f"matching {len(pairs)} of {every} pairs: those that look alike (of many pictures `partners` for each)")
     listed = database.parent / "pairs.txt"
     listed.write_text("".join(f"{one} {other}\n" for one, other in pairs), encoding="utf-8")
     pairing = colmap.ImportedPairingOptions()

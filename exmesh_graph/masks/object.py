@@ -18,6 +18,7 @@ from exmesh_graph.geometry.grounded import Grounded
 from exmesh_graph.geometry.hull import SilhouetteField, visual_hull
 from exmesh_graph.geometry.settings import TsdfSettings
 from exmesh_graph.geometry.tsdf import fuse
+from exmesh_graph.gpu.cores import share
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.io.train_size import reduced
 from exmesh_graph.masks.drawn import drawn_outlines
@@ -89,12 +90,13 @@ def structured(views: Views, depths: DepthMaps, least: float) -> DepthMaps:
 
     Windows of stereo carry the object's depth onto a flat background beside it.
     """
-    kept = depths.depth.copy()
-    for view in range(len(views)):
-        grey = linear_to_srgb(np.clip(np.asarray(views.images[view]), 0, 1)).mean(axis=-1, dtype=np.float64)
+
+    def one(picture: np.ndarray, depth: np.ndarray) -> np.ndarray:
+        grey = linear_to_srgb(np.clip(np.asarray(picture), 0, 1)).mean(axis=-1, dtype=np.float64)
         mean, square = (uniform_filter(part, _WINDOW, mode="nearest") for part in (grey, grey**2))
-        kept[view][square - mean**2 < least**2] = 0
-    return replace(depths, depth=kept)
+        return np.where(square - mean**2 < least**2, np.float32(0), depth)
+
+    return replace(depths, depth=np.stack(share(one, views.images, depths.depth)))
 
 
 def _closed(

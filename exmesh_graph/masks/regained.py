@@ -12,12 +12,15 @@ beside it in many.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from scipy.ndimage import binary_dilation
 
 from exmesh_graph.geometry.carve import Carving
 from exmesh_graph.geometry.hull import projections, reduced_mask, surface
 from exmesh_graph.geometry.pixels import pixels_of, spread_over
+from exmesh_graph.gpu.cores import share
 from exmesh_graph.io.cameras import scale_intrinsics
 from exmesh_graph.raster import shown_faces
 from exmesh_graph.types import Views
@@ -45,11 +48,7 @@ def regained(values: np.ndarray, carving: Carving, views: Views, *, found: bool 
     cameras = projections(intrinsics, views.world_to_camera[told])
     beside: list[np.ndarray] = []
     for _ in range(_ROUNDS):
-        mesh = surface(values, grid)
-        covered = [
-            shown_faces(*mesh, k, pose, *mask.shape) >= 0
-            for mask, k, pose in zip(masks, intrinsics, views.world_to_camera[told], strict=True)
-        ]
+        covered = _covered(surface(values, grid), masks, intrinsics, views.world_to_camera[told])
         beside = beside or [mask & ~one for mask, one in zip(masks, covered, strict=True)]
         missed = [_missed(mask, one) for mask, one in zip(masks, covered, strict=True)]
         if not any(one.any() for one in missed):
@@ -62,17 +61,28 @@ def regained(values: np.ndarray, carving: Carving, views: Views, *, found: bool 
     return values
 
 
+def _covered(
+    mesh: tuple[np.ndarray, np.ndarray], masks: list[np.ndarray], intrinsics: np.ndarray, poses: np.ndarray
+) -> list[np.ndarray]:
+    """bool [h, w] of each mask: where its view shows the mesh."""
+
+    def one(mask: np.ndarray, k: np.ndarray, pose: np.ndarray) -> np.ndarray:
+        return shown_faces(*mesh, k, pose, *mask.shape) >= 0
+
+    return share(one, masks, intrinsics, poses)
+
+
 def _often(points: np.ndarray, cameras: np.ndarray, beside: list[np.ndarray]) -> np.ndarray:
     """bool [P]: points [P, 3] that enough views show on a pixel that is `beside` bool [H, W] what was carved."""
     count = np.zeros(len(points), np.int32)
-    for camera, one in zip(cameras, beside, strict=True):
-        count[_on(points, camera, one)[0]] += 1
+    for at, _ in share(partial(_on, points), cameras, beside):
+        count[at] += 1
     return count >= max(_LEAST, _BESIDE * len(cameras))
 
 
 def _most_missed(points: np.ndarray, cameras: np.ndarray, missed: list[np.ndarray]) -> np.ndarray:
     """bool [P]: points [P, 3] on whose rays, among all on a missed pixel's, nearly the most missed rays meet."""
-    rays = [_on(points, camera, one) for camera, one in zip(cameras, missed, strict=True)]
+    rays = share(partial(_on, points), cameras, missed)
     count = np.zeros(len(points), np.int32)
     for at, _ in rays:
         count[at] += 1
@@ -102,5 +112,5 @@ def _missed(mask: np.ndarray, covered: np.ndarray) -> np.ndarray:
 def _reduced(views: Views, told: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
     """(masks bool [h, w] of the views `told`, their intrinsics), at a whole fraction of their size."""
     factor = max(1, -(-max(views.height, views.width) // _SIDE))
-    masks = [reduced_mask(np.asarray(views.alpha[k]), factor) >= 0.5 for k in told]
+    masks = share(lambda k: reduced_mask(np.asarray(views.alpha[k]), factor) >= 0.5, told)
     return masks, scale_intrinsics(views.intrinsics[told], factor)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 
+from exmesh_graph.gpu.cores import share
 from exmesh_graph.raster.camera import pixel_rays
 from exmesh_graph.types import DepthMaps, Views
 
@@ -31,11 +34,26 @@ def filtered(
             stack[i] = torch.where(_cosine(depth, intrinsics[i]) > np.cos(np.radians(incidence)), depth, 0.0)
     if agreeing > 0:
         near = neighbours(views.camera_to_world, _NEIGHBOURS)
-        stack = torch.stack([
-            agreed(i, near[i], stack, intrinsics, poses, min(agreeing, len(near[i])), tolerance)
-            for i in range(len(views))
-        ])  # fmt: skip
+        stack = agreed_views(near, stack, intrinsics, poses, agreeing, tolerance)
     return DepthMaps(depths.names, stack.numpy())
+
+
+def agreed_views(
+    near: Sequence[np.ndarray],
+    depths: torch.Tensor,
+    intrinsics: torch.Tensor,
+    world_to_camera: torch.Tensor,
+    agreeing: int,
+    tolerance: float,
+) -> torch.Tensor:
+    """`agreed` of every view of `depths` [N, H, W] by those `near` it, of which `agreeing` are needed, or all that a
+    view has; the cores share the views."""
+
+    def one(view: int) -> torch.Tensor:
+        needed = min(agreeing, len(near[view]))
+        return agreed(view, near[view], depths, intrinsics, world_to_camera, needed, tolerance)
+
+    return torch.stack(share(one, range(len(depths))))
 
 
 def agreed(

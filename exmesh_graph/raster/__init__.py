@@ -8,7 +8,7 @@ from exmesh_graph.raster.camera import pixel_centres, project
 from exmesh_graph.raster.interpolate import barycentrics, interpolate, shade, uv_footprint
 from exmesh_graph.raster.paint import Painter
 from exmesh_graph.raster.rasterize import Fragments, rasterize, rasterize_projected
-from exmesh_graph.raster.shown import shown_faces
+from exmesh_graph.raster.shown import shown_faces, shown_vertices
 from exmesh_graph.raster.silhouette import EdgeTable, Silhouette, antialias, edge_table, find_silhouette
 from exmesh_graph.raster.texture import mip_level, mip_pyramid, sample_mipmap, sample_texture
 
@@ -32,5 +32,6 @@ __all__ = [
     "sample_texture",
     "shade",
     "shown_faces",
+    "shown_vertices",
     "uv_footprint",
 ]

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from exmesh_graph.gpu.cores import split
+from exmesh_graph.gpu.cores import share, split
 from exmesh_graph.gpu.limits import EMPTY_KEY, check_indices, check_near, check_size
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.gpu.warp_runtime import launch
@@ -26,7 +26,8 @@ class Fragments(NamedTuple):
     """What is seen through each pixel centre; [N, H, W] where a batch of N views was asked for.
 
     face_id  int32 [H, W], -1 on the background
-    bary     float32 [H, W, 3], perspective-correct barycentric coordinates, 0 on the background
+    bary     float32 [H, W, 3], perspective-correct barycentric coordinates, 0 on the background; empty where they
+             were not asked for
     depth    float32 [H, W], camera z, 0 on the background
     """
 
@@ -45,6 +46,7 @@ def rasterize(
     *,
     near: float = NEAR,
     cull_back: bool = False,
+    bary: bool = True,
 ) -> Fragments:
     """The nearest face at every pixel centre; not differentiable (see `interpolate` and `silhouette`).
 
@@ -54,6 +56,7 @@ def rasterize(
                      [N, 3, 3] and [N, 4, 4] (or one of them shared) for a batch of views of one size
     near             > 0; the part of a face with depth <= near is cut away exactly, per pixel
     cull_back        drop faces that are clockwise in the image; by default both sides are seen
+    bary             whether barycentric coordinates are wanted: without them it is sooner done
 
     Rules: a centre on an edge belongs to all faces of that edge; of equal depths the lowest face index wins, so the
     result is the same on every run and device. Faces without area or with a vertex that is not finite are not seen.
@@ -62,7 +65,7 @@ def rasterize(
     """
     with torch.no_grad():
         projected = project(vertices.detach().to(torch.float32), intrinsics, world_to_camera)
-        return rasterize_projected(projected, faces, height, width, near=near, cull_back=cull_back)
+        return rasterize_projected(projected, faces, height, width, near=near, cull_back=cull_back, bary=bary)
 
 
 def rasterize_projected(
@@ -73,6 +76,7 @@ def rasterize_projected(
     *,
     near: float = NEAR,
     cull_back: bool = False,
+    bary: bool = True,
     large_face: int | None = None,
 ) -> Fragments:
     """`rasterize` for positions already in homogeneous pixel coordinates [V, 3] or [N, V, 3] (`camera.project`).
@@ -88,32 +92,32 @@ def rasterize_projected(
     faces = faces.to(device, torch.int32).contiguous()
     check_indices("faces", faces, projected.shape[-2])
     if large_face is None and device.type == "cpu":
-        return _in_strips(projected, faces, height, width, near, cull_back)
+        return _in_strips(projected, faces, height, width, near, cull_back, bary)
     large_face = LARGE_FACE if large_face is None else large_face
     shape = (*projected.shape[:-2], height, width)
     keys = torch.full(shape, EMPTY_KEY, dtype=torch.int64, device=device)
     face_id = torch.full(shape, -1, dtype=torch.int32, device=device)
-    bary = torch.zeros((*shape, 3), dtype=torch.float32, device=device)
+    weights = torch.zeros((*shape, 3), dtype=torch.float32, device=device)
     depth = torch.zeros(shape, dtype=torch.float32, device=device)
     if len(faces) and height * width:
-        for points, key, *fragments in each_view(projected, keys, face_id, bary, depth):
+        for points, key, *fragments in each_view(projected, keys, face_id, weights, depth):
             _cover(points, faces, height, width, near, cull_back, large_face, key)
             launch(kernels().resolve_fragments, height * width, points, faces, key, width, *fragments)
-    return Fragments(face_id, bary, depth)
+    return Fragments(face_id, weights if bary else weights.new_zeros(0), depth)
 
 
 def _in_strips(
-    projected: torch.Tensor, faces: torch.Tensor, height: int, width: int, near: float, cull_back: bool
+    projected: torch.Tensor, faces: torch.Tensor, height: int, width: int, near: float, cull_back: bool, bary: bool
 ) -> Fragments:
     shape = (*projected.shape[:-2], height, width)
     face_id, depth = torch.empty(shape, dtype=torch.int32), torch.empty(shape)
-    bary = torch.empty((*shape, 3))
+    weights = torch.empty((*shape, 3) if bary else (*shape, 0))
     _, _, boxes, shown = empty_cover(len(faces), 0, 0)
-    for points, ids, z, weights in each_view(projected, face_id, depth, bary):
+    for points, ids, z, each in each_view(projected, face_id, depth, weights):
         cover(points, faces, near, cull_back, Cover(ids, z, boxes, shown))
-        if ids.numel():
-            split(kernels().barycentrics_of, ids.numel(), points, faces, ids, width, weights, grain=1 << 15)
-    return Fragments(face_id, bary, depth)
+        if ids.numel() and bary:
+            split(kernels().barycentrics_of, ids.numel(), points, faces, ids, width, each, grain=1 << 15)
+    return Fragments(face_id, weights if bary else torch.empty(0), depth)
 
 
 def contribution_counts(
@@ -133,19 +137,14 @@ def contribution_counts(
     """
     points, triangles = tensor_of(vertices), tensor_of(faces)
     zoom = np.diag([supersample, supersample, 1.0])
-    count = np.zeros(len(faces), np.int64)
-    for intrinsic, pose in zip(intrinsics, camera_to_world, strict=True):
-        fragments = rasterize(
-            points,
-            triangles,
-            torch.from_numpy(zoom @ intrinsic),
-            torch.from_numpy(np.linalg.inv(pose)),
-            height * supersample,
-            width * supersample,
-        )
-        seen = fragments.face_id.cpu().numpy().reshape(-1)
-        count += np.bincount(seen[seen >= 0], minlength=len(faces))
-    return count
+    size = height * supersample, width * supersample
+
+    def shown(intrinsic: np.ndarray, pose: np.ndarray) -> np.ndarray:
+        camera = torch.from_numpy(zoom @ intrinsic), torch.from_numpy(np.linalg.inv(pose))
+        seen = rasterize(points, triangles, *camera, *size, bary=False).face_id.cpu().numpy().reshape(-1)
+        return np.bincount(seen[seen >= 0], minlength=len(faces))
+
+    return np.sum(share(shown, intrinsics, camera_to_world), axis=0, dtype=np.int64)
 
 
 def _cover(

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
-from exmesh_graph.priors.depth_filter import agreed, normals_of_depth
+from exmesh_graph.gpu.cores import share
+from exmesh_graph.priors.depth_filter import agreed_views, normals_of_depth
 from exmesh_graph.raster.camera import pixel_rays
 from exmesh_graph.splat.gaussians import Gaussians
 from exmesh_graph.splat.pictures import nearest_views
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from exmesh_graph.splat.settings import DepthSettings
 
 
-@torch.no_grad()
 def depth_maps(gaussians: Gaussians, targets: Targets, settings: DepthSettings) -> tuple[DepthMaps, float]:
     """(unbiased depth of every view at the targets' size, 0 where dropped; the share of covered pixels kept).
 
@@ -33,34 +33,37 @@ def depth_maps(gaussians: Gaussians, targets: Targets, settings: DepthSettings) 
     `outward` pixels are added along the surface's normal, since a fit shrinks the object by about half a pixel: a ray
     past the rim crosses the faint tails of so many Gaussians that together they cover it.
     """
-    depths = []
-    covered = 0
-    for i in range(len(targets)):
-        rays = pixel_rays(targets.intrinsics[i], targets.height, targets.width, targets.images[i])
-        drawing = render(gaussians, targets.intrinsics[i], targets.world_to_camera[i], targets.height, targets.width)
+    shape = targets.height, targets.width
+
+    @torch.no_grad()  # a thread's own switch
+    def seen(i: int, inside: torch.Tensor | None) -> tuple[torch.Tensor, int]:
+        """(a view's depth, pixels that are covered)."""
+        camera = targets.intrinsics[i], targets.world_to_camera[i]
+        rays, drawing = pixel_rays(camera[0], *shape, gaussians.means), render(gaussians, *camera, *shape)
         normal, distance = drawing.normal, drawing.distance
         if settings.surface == "middle":
-            normal, distance = middle_planes(gaussians, drawing, targets.world_to_camera[i])
+            normal, distance = middle_planes(gaussians, drawing, camera[1])
         depth, valid = plane_depth(normal, distance, drawing.alpha, rays)
         lengths = (normal.square().sum(-1) * rays.square().sum(-1)).sqrt()
         cosine = -(normal * rays).sum(-1) / lengths.clamp(min=1e-12)
-        covered += int((drawing.alpha > 0.5).sum())
         valid &= cosine > np.cos(np.radians(settings.incidence))
-        if bool(targets.masked[i]):
-            valid &= targets.alpha[i] >= 0.5
-        depths.append(torch.where(valid, depth, 0.0))
+        if inside is not None:
+            valid &= inside
+        return torch.where(valid, depth, 0.0), int((drawing.alpha > 0.5).sum())
+
+    views = range(len(targets))
+    masks = (targets.alpha[i] >= 0.5 if bool(targets.masked[i]) else None for i in views)
+    depths, covered = zip(*share(seen, views, masks), strict=True)
     stack = torch.stack(depths)
     if settings.agreeing > 0:
         near = nearest_views(targets.world_to_camera)
-        cameras = targets.intrinsics, targets.world_to_camera
-        stack = torch.stack([
-            agreed(i, near[i], stack, *cameras, min(settings.agreeing, len(near[i])), settings.tolerance)
-            for i in range(len(targets))
-        ])  # fmt: skip
+        stack = agreed_views(
+            near, stack, targets.intrinsics, targets.world_to_camera, settings.agreeing, settings.tolerance
+        )
     if settings.outward > 0:
-        stack = torch.stack([_outward(i, targets, stack[i], settings.outward) for i in range(len(targets))])
+        stack = torch.stack(share(lambda i, depth: _outward(i, targets, depth, settings.outward), views, stack))
     names, kept = targets.names, int((stack > 0).sum())
-    return DepthMaps(names, stack.cpu().numpy().astype(np.float32)), kept / max(covered, 1)
+    return DepthMaps(names, stack.cpu().numpy().astype(np.float32)), kept / max(sum(covered), 1)
 
 
 def _outward(i: int, targets: Targets, depth: torch.Tensor, pixels: float) -> torch.Tensor:

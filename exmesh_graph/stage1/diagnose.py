@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import torch
 
+from exmesh_graph.gpu.cores import share
 from exmesh_graph.stage1.appearance.model import Surface
 from exmesh_graph.stage1.render import draw
 from exmesh_graph.targets import Targets, fit_gain
@@ -46,27 +47,31 @@ class Residuals(NamedTuple):
 @torch.no_grad()
 def residuals(surface: Surface, targets: Targets) -> Residuals:
     """The figures of every view of `targets` against `surface`."""
-    rows = []
-    for i in range(len(targets)):
-        picture = draw(surface, targets.intrinsics[i], targets.world_to_camera[i], targets.height, targets.width)
-        target, mask, cover = targets.images[i], targets.alpha[i], picture.alpha
-        both = (mask > 0.5) & (cover > 0.5)
-        row = torch.full((7,), math.nan, dtype=torch.float64)
-        if int(both.sum()) >= 16:
-            gain = fit_gain(picture.colour, target, both.to(target), torch.ones(3).to(target), rate=1.0)
-            row[0] = float(gain.mean().log2())
-            row[1] = float((picture.colour * gain - target)[both].square().mean().sqrt())
-            row[6] = float(target[both].mean())
-        if bool(targets.masked[i]):
-            area = max(float(mask.sum()), 1.0)
-            row[2], row[3] = float((cover - mask).abs().sum()) / area, float((cover - mask).sum()) / area
-            row[4:6] = phase_shift(cover, mask)
-        elif int(both.sum()) >= 16:
-            row[4:6] = phase_shift(picture.colour.mean(dim=-1), target.mean(dim=-1), cover)
-        rows.append(row)
-    figures = torch.stack(rows)
+    pictures = ((targets.images[i], targets.alpha[i]) for i in range(len(targets)))
+    figures = torch.stack(share(lambda i, seen: _of_view(surface, targets, i, *seen), range(len(targets)), pictures))
     stops, colour, mask, bias, right, down, light = figures.T
     return Residuals(stops, colour, mask, bias, torch.stack([right, down], dim=1), light)
+
+
+@torch.no_grad()
+def _of_view(surface: Surface, targets: Targets, i: int, target: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
+    """float64 [7]: stops, colour, mask, bias, shift, light of view `i`, which took `target` [H, W, 3]."""
+    picture = draw(surface, targets.intrinsics[i], targets.world_to_camera[i], targets.height, targets.width)
+    cover = picture.alpha
+    both = (mask > 0.5) & (cover > 0.5)
+    row = torch.full((7,), math.nan, dtype=torch.float64)
+    if int(both.sum()) >= 16:
+        gain = fit_gain(picture.colour, target, both.to(target), torch.ones(3).to(target), rate=1.0)
+        row[0] = float(gain.mean().log2())
+        row[1] = float((picture.colour * gain - target)[both].square().mean().sqrt())
+        row[6] = float(target[both].mean())
+    if bool(targets.masked[i]):
+        area = max(float(mask.sum()), 1.0)
+        row[2], row[3] = float((cover - mask).abs().sum()) / area, float((cover - mask).sum()) / area
+        row[4:6] = phase_shift(cover, mask)
+    elif int(both.sum()) >= 16:
+        row[4:6] = phase_shift(picture.colour.mean(dim=-1), target.mean(dim=-1), cover)
+    return row
 
 
 def diagnose(surface: Surface, targets: Targets, *, gains: bool = False) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from exmesh_graph.geometry.patches import patches
+from exmesh_graph.gpu.cores import share
 from exmesh_graph.io.picture_files import with_pictures
 from exmesh_graph.io.train_size import factor_for, reduced
 from exmesh_graph.raster import shown_faces
@@ -71,19 +72,18 @@ def patch_colours(views: Views, mesh: Mesh) -> np.ndarray:
     views = reduced(views, factor_for(views, _SIDE, 0))
     patch = patches(mesh.vertices, mesh.faces, CELLS)
     count = int(patch.max()) + 1
-    colours = np.full((len(views), count, 3), np.nan)
-    for i in range(len(views)):
-        where = views.intrinsics[i], views.world_to_camera[i]
+
+    def one(view: int) -> np.ndarray:
+        where = views.intrinsics[view], views.world_to_camera[view]
         face = shown_faces(mesh.vertices, mesh.faces, *where, views.height, views.width)
-        rgb = np.asarray(views.images[i])
-        told = (face >= 0) & (views.alpha[i] > 0.99) & (rgb.max(-1) < _BRIGHT) & (rgb.min(-1) > _DARK)
-        shown = patch[face[told]]
+        rgb = np.asarray(views.images[view])
+        told = (face >= 0) & (views.alpha[view] > 0.99) & (rgb.max(-1) < _BRIGHT) & (rgb.min(-1) > _DARK)
+        shown, linear = patch[face[told]], rgb[told]
         pixels = np.bincount(shown, minlength=count)
-        enough = pixels >= _LEAST_PIXELS
-        for c in range(3):
-            total = np.bincount(shown, rgb[told][:, c], minlength=count)
-            colours[i, enough, c] = total[enough] / pixels[enough]
-    return colours
+        total = np.stack([np.bincount(shown, linear[:, c], minlength=count) for c in range(3)], axis=-1)
+        return np.where(pixels[:, None] >= _LEAST_PIXELS, total / np.maximum(pixels, 1)[:, None], np.nan)
+
+    return np.stack(share(one, range(len(views))))
 
 
 def separate(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Literal
 
 import numpy as np
 import torch
 
 from exmesh_graph.errors import GeometryError
+from exmesh_graph.gpu.cores import share
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.raster import project, rasterize_projected, sample_texture
 from exmesh_graph.targets import MEMORY_GIB, Targets, prepare_targets
@@ -83,20 +85,29 @@ def project_texture(carrier: Carrier, targets: Targets, size: int) -> np.ndarray
 
     samples = torch.empty((len(targets), len(texels), 3), device=device)
     confidence = torch.empty((len(targets), len(texels)), device=device)
-    for i in range(len(targets)):
-        targets.expect((i + 1) % len(targets))
-        projected = project(vertices.to(device), targets.intrinsics[i], targets.world_to_camera[i])
-        depth = rasterize_projected(projected, faces.to(device), targets.height, targets.width).depth
-        for start in range(0, len(texels), _CHUNK):
-            part = slice(start, start + _CHUNK)
-            samples[i, part], confidence[i, part] = _observe(points[part], normals[part], targets, i, depth)
-    colours = torch.full((inner * inner, 3), _GREY, device=device)
-    seen = torch.zeros(inner * inner, dtype=torch.bool, device=device)
-    for start in range(0, len(texels), _CHUNK):
-        part = slice(start, start + _CHUNK)
+    parts = [slice(start, start + _CHUNK) for start in range(0, len(texels), _CHUNK)]
+    mesh = vertices.to(device), faces.to(device)
+
+    def pictures() -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
+        for i in range(len(targets)):
+            targets.expect((i + 1) % len(targets))
+            yield targets.images[i], targets.alpha[i]
+
+    def observe(i: int, picture: tuple[torch.Tensor, torch.Tensor]) -> None:
+        camera = targets.intrinsics[i], targets.world_to_camera[i]
+        depth = rasterize_projected(project(mesh[0], *camera), mesh[1], targets.height, targets.width, bary=False).depth
+        for part in parts:
+            samples[i, part], confidence[i, part] = _observe(points[part], normals[part], *camera, *picture, depth)
+
+    def settle(part: slice) -> None:
         index = torch.from_numpy(texels[part]).to(device)
         colours[index] = _weighted_median(samples[:, part], confidence[:, part])
         seen[index] = confidence[:, part].sum(0) > 0
+
+    share(observe, range(len(targets)), pictures())
+    colours = torch.full((inner * inner, 3), _GREY, device=device)
+    seen = torch.zeros(inner * inner, dtype=torch.bool, device=device)
+    share(settle, parts)
     colours = torch.where(seen[:, None], colours, _GREY)
     texture = fill_unseen(colours.view(inner, inner, 3), seen.view(inner, inner))
     if inner != size:
@@ -134,29 +145,35 @@ def _pull_push(colour: torch.Tensor, weight: torch.Tensor) -> torch.Tensor:
 
 
 def _observe(
-    points: torch.Tensor, normals: torch.Tensor, targets: Targets, i: int, depths: torch.Tensor
+    points: torch.Tensor,
+    normals: torch.Tensor,
+    intrinsics: torch.Tensor,
+    world_to_camera: torch.Tensor,
+    image: torch.Tensor,
+    alpha: torch.Tensor,
+    depths: torch.Tensor,
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """What view `i`, which has the mesh at `depths` [H, W], shows of P points: colours [P, 3] and weights [P], 0 where
-    it does not see them.
+    """What a view, which has the mesh at `depths` [H, W], shows of P points: colours [P, 3] and weights [P], 0 where it
+    does not see them.
     """
-    height, width = targets.height, targets.width
-    projected = project(points, targets.intrinsics[i], targets.world_to_camera[i])
+    height, width = depths.shape
+    projected = project(points, intrinsics, world_to_camera)
     z = projected[:, 2].clamp(min=1e-6)
     x, y = projected[:, 0] / z, projected[:, 1] / z
     inside = (projected[:, 2] > 1e-6) & (x >= 0.5) & (x < width - 0.5) & (y >= 0.5) & (y < height - 0.5)
     column, row = (p.clamp(0, n - 1).floor().long() for p, n in ((x, width), (y, height)))
-    rotation = targets.world_to_camera[i].to(points)
+    rotation = world_to_camera.to(points)
     centre = -rotation[:3, :3].T @ rotation[:3, 3]
     towards = torch.nn.functional.normalize(centre - points, dim=1)
     cosine = (towards * normals).sum(1)
     # a slanted surface changes depth within a pixel: allow for that
-    pixel = z / targets.intrinsics[i, 0, 0].to(z)
+    pixel = z / intrinsics[0, 0].to(z)
     slack = 1e-3 * z + 1.5 * pixel / cosine.clamp(min=0.1)
     depth = depths[row, column]
     visible = inside & (cosine > 0.15) & (depth > 0) & (z < depth + slack)
-    visible &= targets.alpha[i][row, column] > 0.99
+    visible &= alpha[row, column] > 0.99
     uv = torch.stack([x / width, 1 - y / height], dim=1)
-    return sample_texture(targets.images[i], uv), torch.where(visible, cosine.square(), 0.0)
+    return sample_texture(image, uv), torch.where(visible, cosine.square(), 0.0)
 
 
 def _weighted_median(samples: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:

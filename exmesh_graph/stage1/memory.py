@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from exmesh_graph.stage1.settings import RefineSettings
-from exmesh_graph.targets import SSIM_CACHE_BYTES
+from exmesh_graph.targets import ssim_budget
 from exmesh_graph.targets.visits import PIXEL_BYTES
 from exmesh_graph.types import Stage1State, Views
 
@@ -52,7 +52,7 @@ def plan_memory(state: Stage1State, views: Views, settings: RefineSettings, befo
     parts = {
         "pictures": PIXEL_BYTES * pixels * (held if whole else held + 3),
         "decoding": DECODE_BYTES * views.height * views.width,
-        "D-SSIM": statistics if statistics <= SSIM_CACHE_BYTES else SSIM_BYTES * pixels,
+        "D-SSIM": statistics if statistics <= ssim_budget(budget, len(views), pixels) else SSIM_BYTES * pixels,
         "a step": STEP_BYTES * pixels,
         "texture": TEXEL_BYTES * state.texture.shape[0] * state.texture.shape[1],
     }

@@ -7,6 +7,7 @@ import numpy as np
 from exmesh_graph.errors import DataError
 from exmesh_graph.geometry.adjacency import face_areas, without_unused
 from exmesh_graph.geometry.clean import face_components
+from exmesh_graph.gpu.cores import share
 from exmesh_graph.raster import shown_faces
 from exmesh_graph.types import Views
 
@@ -32,13 +33,14 @@ def without_phantoms(
     if kept.all():
         return vertices, faces
     large = kept[labels]
-    needed = np.zeros(len(area), int)
-    for view in range(len(views)):
+
+    def needs(view: int) -> np.ndarray:
         bare = (views.alpha[view] > 0.5) & (_seen(vertices, faces[large], views, view) < 0)
         small = _seen(vertices, faces[~large], views, view)
         here = labels[~large][small[bare & (small >= 0)]]
-        needed += np.bincount(here, minlength=len(area)) >= _PIXELS
-    kept |= needed >= _VIEWS
+        return np.bincount(here, minlength=len(area)) >= _PIXELS
+
+    kept |= np.sum(share(needs, range(len(views))), axis=0) >= _VIEWS
     return without_unused(vertices, faces[kept[labels]].astype(np.int32))
 
 

@@ -16,6 +16,7 @@ from typing import Any, Protocol, overload
 import numpy as np
 import torch
 
+from exmesh_graph.gpu.cores import shared
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.losses import SSIM_WINDOW, SsimTarget
 from exmesh_graph.raster import rasterize
@@ -263,8 +264,7 @@ class ViewBuffers(Sequence[ViewBuffer]):
         used[self.light.texels(self.size)] = True
         weight, cosine, seen = (torch.zeros(count, device=device) for _ in range(3))
         held = 0
-        for number in range(len(self)):
-            buffer = self._build(number)
+        for number, buffer in enumerate(shared(self._build, range(len(self)))):
             self.pixels.append(len(buffer.pixel))
             fault = _fault(buffer, self.views.width)
             if fault:

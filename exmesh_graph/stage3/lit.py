@@ -27,7 +27,7 @@ import torch.nn.functional as F
 from exmesh_graph.colour import linear_to_srgb
 from exmesh_graph.gpu.cores import share
 from exmesh_graph.gpu.torch_setup import tensor_of
-from exmesh_graph.raster import project, rasterize_projected
+from exmesh_graph.raster import project, rasterize_projected, shown_vertices
 from exmesh_graph.shading import brdf, envmap
 from exmesh_graph.shading.envmap import Pyramid
 from exmesh_graph.shading.gather import gather_rows
@@ -89,9 +89,8 @@ class Lit(UVTexture):
             pose = targets.world_to_camera[number]
             light = self.lights[_key(pose)] = self.light.turned(None if turns is None else turns[number])
             place = project(vertices, targets.intrinsics[number], pose)
-            face_id = rasterize_projected(place, surface.faces, targets.height, targets.width).face_id
-            seen = torch.zeros(len(vertices), dtype=torch.bool, device=vertices.device)
-            seen[faces[face_id[face_id >= 0].unique().long()].reshape(-1)] = True
+            face_id = rasterize_projected(place, surface.faces, targets.height, targets.width, bary=False).face_id
+            seen = shown_vertices(face_id, faces, len(vertices))
             seen[faces[seen[faces].any(1)].reshape(-1)] = True  # a ring more: what moves may come into view
             chosen = torch.nonzero(seen)[:, 0]
             return Shown(chosen, light.specular_scale(pose, chosen, self.samples, (self.seed << 20) + number))

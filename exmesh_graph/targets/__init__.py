@@ -8,6 +8,7 @@ import numpy as np
 import torch
 
 from exmesh_graph.errors import DataError
+from exmesh_graph.gpu.cores import share
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.losses import Box, SsimTarget, mask_box, ssim_target
 from exmesh_graph.raster import project, rasterize_projected
@@ -32,6 +33,7 @@ class Targets:
     masked           bool [N] on the CPU, views whose mask is known
     depth            float32 [N, H, W] or None, the reference of L_d; 0 where unknown
     inside           bool [N, H, W] or None, the pixels that count where there are no masks
+    ssim_bytes       what the views' SSIM statistics may take
     """
 
     images: torch.Tensor | Plane
@@ -42,6 +44,7 @@ class Targets:
     masked: torch.Tensor
     depth: torch.Tensor | None = None
     inside: torch.Tensor | None = None
+    ssim_bytes: float = SSIM_CACHE_BYTES
     _boxes: dict[int, Box] = field(default_factory=dict)
     _ssim: dict[int, SsimTarget] = field(default_factory=dict)
 
@@ -72,12 +75,12 @@ class Targets:
         return self._boxes[view]
 
     def ssim_target(self, view: int) -> SsimTarget:
-        """SSIM statistics of the view inside its box; kept while all of them fit in a gigabyte."""
+        """SSIM statistics of the view inside its box; kept where all of them fit into `ssim_bytes`."""
         if view in self._ssim:
             return self._ssim[view]
         box = self.box(view)
         statistics = ssim_target(box.crop(self.images[view]))
-        if len(self) * box.area * 3 * 3 * 4 <= SSIM_CACHE_BYTES:
+        if len(self) * box.area * 3 * 3 * 4 <= self.ssim_bytes:
             self._ssim[view] = statistics
         return statistics
 
@@ -94,7 +97,8 @@ def prepare_targets(
     """Bring `views` to display colour at 1 / `downscale` of their size (exact area means in linear light).
 
     region      a surface for views without masks: only pixels that show it count (`Targets.inside`)
-    memory_gib  what images and alpha may take; of a larger set the rest is made at each visit, with the same values
+    memory_gib  what images and alpha may take; of a larger set the rest is made at each visit, with the same values.
+                What they leave of it, and a gigabyte in any case, is for SSIM's statistics
 
     Sizes that `downscale` does not divide lose their last rows or columns. Raises DataError for views without
     pixels, and for depth maps that belong to other views or have another size.
@@ -119,8 +123,14 @@ def prepare_targets(
         names=views.names,
         masked=tensor_of(views.masked),
         depth=None if depths is None else _depth(depths, views, downscale, height, width).to(device),
+        ssim_bytes=ssim_budget(memory_gib * 2**30, len(views), height * width),
         inside=None if region is None else _covered(region, intrinsics, world_to_camera, height, width, device),
     )
+
+
+def ssim_budget(memory: float, views: int, pixels: int) -> float:
+    """Bytes for SSIM's statistics of so many `views`: what their pictures leave of `memory`, a gigabyte in any case."""
+    return max(SSIM_CACHE_BYTES, memory - PIXEL_BYTES * views * pixels)
 
 
 def reduction_to_hold(views: Views) -> int:
@@ -185,11 +195,11 @@ def _covered(
     """bool [N, H, W], where each view shows the mesh."""
     vertices = tensor_of(np.asarray(mesh.vertices, np.float32)).to(device)
     faces = tensor_of(np.asarray(mesh.faces, np.int32)).to(device)
-    shown = [
-        rasterize_projected(project(vertices, k, pose), faces, height, width).face_id >= 0
-        for k, pose in zip(intrinsics, world_to_camera, strict=True)
-    ]
-    return torch.stack(shown)
+
+    def shown(k: torch.Tensor, pose: torch.Tensor) -> torch.Tensor:
+        return rasterize_projected(project(vertices, k, pose), faces, height, width, bary=False).face_id >= 0
+
+    return torch.stack(share(shown, intrinsics, world_to_camera))
 
 
 def _depth(depths: DepthMaps, views: Views, downscale: int, height: int, width: int) -> torch.Tensor:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from exmesh_graph.masks.plane import find_plane
+from exmesh_graph.masks.plane import Plane, find_plane
 
 CAMERAS = np.array([[3.0, 1, 0], [-2, 2, 1], [0, 1.5, -3], [1, 0.8, 3]])
 
@@ -41,6 +41,29 @@ def test_the_table_is_found_however_the_world_is_turned(seed):
     assert plane.is_table
     assert plane.share == pytest.approx((np.arange(len(areas)) < len(areas) - 2000).mean(), abs=0.05)
     assert plane.height(where + up * 0.35).max() == pytest.approx(0.9, abs=0.03)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_rays_meet_the_plane_where_they_go_down_to_it(seed):
+    rng = np.random.default_rng(seed)
+    normal = rng.normal(size=3)
+    normal /= np.linalg.norm(normal)
+    plane = Plane(normal, 0.4, 1.0)
+    (turn,), _ = turned([np.eye(3)], seed)
+    to_camera = np.eye(4)
+    to_camera[:3, :3] = turn
+    eye, rays = 2.4 * normal + rng.normal(size=3), rng.normal(size=(50, 3))
+    eye += max(0, 0.5 - plane.height(eye)) * normal  # above it
+    to_camera[:3, 3] = -turn @ eye
+    far = plane.met(rays, to_camera)
+    down = rays @ normal < 0
+    assert down.any()
+    assert not down.all()
+    assert np.isinf(far[~down]).all()
+    assert np.abs(plane.height(eye + far[down, None] * rays[down])).max() < 1e-9
+    below = to_camera.copy()
+    below[:3, 3] = -turn @ (eye - 2 * plane.height(eye) * normal)
+    assert np.isinf(plane.met(rays, below)).all()
 
 
 def test_a_base_of_the_object_is_no_table():

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.stability.scenes import camera, icosphere, soup
-from exmesh_graph.raster import project, rasterize
+from exmesh_graph.raster import project, rasterize, rasterize_projected, shown_vertices
 from tests.raster.raster_reference import rasterize_reference
 
 
@@ -174,3 +174,30 @@ def test_nothing_is_printed_and_warp_is_not_loaded_early():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == ""
     assert done.stderr == ""
+
+
+@pytest.mark.parametrize("large_face", [None, 0])
+def test_without_barycentrics_the_rest_is_the_same(large_face):
+    vertices, faces = soup(300, 0.4, seed=3)
+    k, pose = camera(64, 48)
+    places = project(vertices, k, pose)
+    drawn = rasterize_projected(places, faces, 48, 64, large_face=large_face)
+    less = rasterize_projected(places, faces, 48, 64, bary=False, large_face=large_face)
+    assert torch.equal(drawn.face_id, less.face_id)
+    assert torch.equal(drawn.depth, less.depth)
+    assert less.bary.numel() == 0
+    both = rasterize_projected(torch.stack([places, places]), faces, 48, 64, bary=False, large_face=large_face)
+    assert torch.equal(both.face_id, torch.stack([drawn.face_id, drawn.face_id]))
+
+
+def test_the_vertices_of_faces_that_are_shown():
+    vertices, faces = soup(300, 0.4, seed=3)
+    k, pose = camera(64, 48)
+    face_id = rasterize(vertices, faces, k, pose, 48, 64).face_id
+    faces = faces.long()
+    expected = torch.zeros(len(vertices) + 1, dtype=torch.bool)  # one vertex more, of no face
+    for face in set(face_id[face_id >= 0].tolist()):
+        expected[faces[face]] = True
+    assert 0 < expected.sum() < len(expected)
+    assert torch.equal(shown_vertices(face_id, faces, len(expected)), expected)
+    assert not shown_vertices(torch.full((2, 2), -1), faces, 5).any()

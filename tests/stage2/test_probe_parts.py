@@ -332,6 +332,13 @@ def _asked(monkeypatch, together, alone):
     return asked
 
 
+def test_the_reason_says_where_each_texel_decided_for_itself():
+    told = "as metal, each texel for itself, 30.0 %"
+    found = [_compared((0.5, 1.0), 0.3, seed=k) for k in (1, 2)]
+    assert told not in decide_metal(found, 1.05).reason
+    assert told in decide_metal([dataclasses.replace(one, alone=True) for one in found], 1.05).reason
+
+
 def test_one_split_alone_is_no_metal():
     found = decide_metal([_compared((0.5, -0.1), 0.3)], 1.05)
     assert found.value is False

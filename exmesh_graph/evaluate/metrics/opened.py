@@ -12,13 +12,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.ndimage import gaussian_filter
 
 from exmesh_graph.geometry.hull import Grid, surface
 from exmesh_graph.geometry.lids import Lid, lids
 from exmesh_graph.geometry.openings import Lidded, Opening, best_opening
 from exmesh_graph.geometry.pixels import spread_over
+from exmesh_graph.gpu.cores import share
 from exmesh_graph.io.color import linear_to_srgb, srgb_to_linear
+from exmesh_graph.io.resample import bilinear
 from exmesh_graph.io.train_size import factor_for, reduced
 from exmesh_graph.raster import project, rasterize_projected
 from exmesh_graph.types import Views
@@ -82,13 +84,14 @@ def _mean_of(*judges: Judge) -> Callable[[Opening], float]:
 
 def detailed(views: Views) -> Views:
     """Photographs less the mean about each pixel of the object, in display values about one half."""
-    pictures = []
-    for picture, alpha in zip(views.images, views.alpha, strict=True):
+
+    def one(picture: np.ndarray, alpha: np.ndarray) -> np.ndarray:
         held = (alpha > 0.5).astype(np.float64)
         values, weight = shown(picture.astype(np.float64)), gaussian_filter(held, _DETAIL)
         about = gaussian_filter(values * held[..., None], (_DETAIL, _DETAIL, 0)) / np.maximum(weight, 1e-3)[..., None]
-        pictures.append(srgb_to_linear(np.clip(0.5 + values - about, 0, 1)).astype(np.float32))
-    return replace(views, images=np.stack(pictures))
+        return srgb_to_linear(np.clip(0.5 + values - about, 0, 1)).astype(np.float32)
+
+    return replace(views, images=np.stack(share(one, views.images, views.alpha)))
 
 
 class Surroundings:
@@ -100,7 +103,7 @@ class Surroundings:
             torch.from_numpy(np.ascontiguousarray(vertices, np.float32)),
             torch.from_numpy(np.ascontiguousarray(faces, np.int32)),
         )
-        drawn = [_drawn(mesh, views, view) for view in range(len(views))]
+        drawn = share(lambda view: _drawn(mesh, views, view), range(len(views)))
         self.depth, self.face = (np.stack([one[part] for one in drawn]) for part in (0, 1))
         axes = self.poses[:, :3, 2]
         self.near = np.argsort(-(axes @ axes.T), axis=1, kind="stable")[:, 1 : _NEAREST + 1]
@@ -146,9 +149,8 @@ class Surroundings:
             there /= np.linalg.norm(there, axis=1, keepdims=True)
             angle = np.degrees(np.arccos(np.clip((here[use] * there).sum(1), -1, 1)))
             weight = np.exp(-np.square(angle / _SPREAD)) + 1e-6
-            picture, place = views.images[other], (y[use] - 0.5, x[use] - 0.5)
-            colour = [map_coordinates(picture[..., c], place, order=1, mode="nearest") for c in range(3)]
-            total[use] += weight[:, None] * np.stack(colour, axis=-1)
+            colour = bilinear(views.images[other], np.stack([y[use], x[use]]) - 0.5)
+            total[use] += weight[:, None] * colour
             weights[use] += weight
         return total / np.maximum(weights, 1e-12)[:, None], weights > 0
 
@@ -213,7 +215,7 @@ def ratio(less: np.ndarray, before: np.ndarray) -> tuple[float, float]:
 def _drawn(mesh: tuple[torch.Tensor, torch.Tensor], views: Views, view: int) -> tuple[np.ndarray, np.ndarray]:
     """Depth float32 [H, W], 0 beside the mesh, and the face that a pixel shows, -1 there."""
     intrinsics, pose = torch.from_numpy(views.intrinsics[view]), torch.from_numpy(views.world_to_camera[view])
-    seen = rasterize_projected(project(mesh[0], intrinsics, pose), mesh[1], views.height, views.width)
+    seen = rasterize_projected(project(mesh[0], intrinsics, pose), mesh[1], views.height, views.width, bary=False)
     return seen.depth.numpy(), seen.face_id.numpy()
 
 

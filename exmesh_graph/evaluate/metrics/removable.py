@@ -9,7 +9,6 @@ behind a surface, but from few sides: without the second witness polished metal 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +18,7 @@ from exmesh_graph.evaluate.metrics.opened import Surroundings, ratio, shown
 from exmesh_graph.geometry.carve import Carving
 from exmesh_graph.geometry.hull import projections, surface
 from exmesh_graph.geometry.pixels import pixels_of
+from exmesh_graph.gpu.cores import share
 from exmesh_graph.io.train_size import factor_for, reduced
 from exmesh_graph.types import DepthMaps, Views
 
@@ -31,6 +31,7 @@ _SURE = 0.45, 0.3, -1.0  # share of the depth maps that look through a point, le
 _SMALL = 0.1  # of the largest part: smaller ones must show by themselves that they are none of gloss,
 _SHARE, _SIGMAS = 0.1, 4.0  # by the error of their details, which falls by this share at least and beyond chance
 _LEAST_VIEWS = 3
+_PART = 1 << 15  # points that one core looks at in turn
 
 
 def removable(carving: Carving, views: Views, depths: DepthMaps) -> list[np.ndarray]:
@@ -48,7 +49,7 @@ def removable(carving: Carving, views: Views, depths: DepthMaps) -> list[np.ndar
         held.ravel()[at] = values
         return gaussian_filter(held, _AROUND).ravel()[at]
 
-    told = list(_photographs(carving, reduced(views, factor_for(views, _SIDE, 0))))
+    told = _photographs(carving, reduced(views, factor_for(views, _SIDE, 0)))
     heard, gained = (around(part) for part in _heard(points, told, grid.step))
     through, there, silent = (around(part) for part in _sights(points, views, depths, grid.step))
     wanted = (gained > 0) & (heard > _HEARD * around(np.ones(len(at))))
@@ -74,20 +75,25 @@ class _Told(NamedTuple):
     before: np.ndarray
 
 
-def _photographs(carving: Carving, views: Views) -> Iterator[_Told]:
+def _photographs(carving: Carving, views: Views) -> list[_Told]:
     """What each photograph says in which the two surfaces are apart."""
     grid = carving.grid
     both = [Surroundings(views, *surface(values, grid)) for values in (carving.hull, carving.field())]
-    for view, camera in enumerate(projections(views.intrinsics, views.world_to_camera)):
+
+    def one(view: int, camera: np.ndarray) -> _Told | None:
         near, far = (around.depth[view] for around in both)
         row, column = np.nonzero((near > 0) & (far - near > _APART * grid.step))
-        if len(row):
-            (whole, seen), (left, also) = (_apart(around, view, row, column) for around in both)
-            use = row[seen & also], column[seen & also]
-            errors = [_errors(part[seen & also], use, near.shape) for part in (whole, left)]
-            gain = np.full(near.shape, np.nan)
-            gain[use] = (errors[0][0] - errors[1][0])[use]
-            yield _Told(camera, near, far, gain, errors[0][1] - errors[1][1], errors[0][1])
+        if not len(row):
+            return None
+        (whole, seen), (left, also) = (_apart(around, view, row, column) for around in both)
+        use = row[seen & also], column[seen & also]
+        errors = [_errors(part[seen & also], use, near.shape) for part in (whole, left)]
+        gain = np.full(near.shape, np.nan)
+        gain[use] = (errors[0][0] - errors[1][0])[use]
+        return _Told(camera, near, far, gain, errors[0][1] - errors[1][1], errors[0][1])
+
+    told = share(one, range(len(views)), projections(views.intrinsics, views.world_to_camera))
+    return [one for one in told if one is not None]
 
 
 def _apart(around: Surroundings, view: int, row: np.ndarray, column: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -150,18 +156,22 @@ def _between(points: np.ndarray, one: _Told, step: float) -> tuple[np.ndarray, n
     return at, row[at], column[at]
 
 
-def _sights(
-    points: np.ndarray, views: Views, depths: DepthMaps, step: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _sights(points: np.ndarray, views: Views, depths: DepthMaps, step: float) -> tuple[np.ndarray, ...]:
     """How many depth maps look through each of `points` [P, 3], have a surface there or a little before it, and have
     none at its pixel."""
-    through, there, silent = (np.zeros(len(points), np.float32) for _ in range(3))
-    for camera, depth in zip(projections(views.intrinsics, views.world_to_camera), depths.depth, strict=True):
-        z, y, x = pixels_of(points, camera, depth.shape)
-        seen = depth[y, x]
-        beyond = (seen - z) / step
-        known = (seen > 0) & np.isfinite(z)
-        through += known & (beyond > _THROUGH)
-        there += known & (beyond <= _THROUGH) & (beyond > -_BEFORE)
-        silent += np.isfinite(z) & (seen <= 0)
-    return through, there, silent
+    cameras = projections(views.intrinsics, views.world_to_camera)
+
+    def some(points: np.ndarray) -> np.ndarray:
+        counts = np.zeros((3, len(points)), np.float32)
+        for camera, depth in zip(cameras, depths.depth, strict=True):
+            z, y, x = pixels_of(points, camera, depth.shape)
+            seen = depth[y, x]
+            beyond = (seen - z) / step
+            known = (seen > 0) & np.isfinite(z)
+            counts[0] += known & (beyond > _THROUGH)
+            counts[1] += known & (beyond <= _THROUGH) & (beyond > -_BEFORE)
+            counts[2] += np.isfinite(z) & (seen <= 0)
+        return counts
+
+    parts = np.array_split(points, max(1, len(points) // _PART))
+    return tuple(np.concatenate(share(some, parts), axis=1))

@@ -15,6 +15,7 @@ import torch
 from scipy.ndimage import binary_erosion, gaussian_filter
 
 from exmesh_graph.errors import DataError
+from exmesh_graph.gpu.cores import share
 from exmesh_graph.io.color import linear_to_srgb
 from exmesh_graph.raster import project, rasterize_projected
 from exmesh_graph.raster.camera import pixel_rays
@@ -48,10 +49,9 @@ def rephotograph(
         torch.from_numpy(np.ascontiguousarray(vertices, np.float32)),
         torch.from_numpy(np.ascontiguousarray(faces, np.int32)),
     )
-    own = torch.stack([_depth(mesh, train, i) for i in range(len(train))])
-    near = _nearest(train, held_out, nearest)
-    images, covered, seen = [], [], []
-    for view, others in enumerate(near):
+    own = share(lambda view: _depth(mesh, train, view), range(len(train)))
+
+    def one(view: int, others: np.ndarray) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         depth = _depth(mesh, held_out, view)
         pose = torch.from_numpy(held_out.camera_to_world[view]).float()
         rays = pixel_rays(torch.from_numpy(held_out.intrinsics[view]), held_out.height, held_out.width, depth)
@@ -64,13 +64,13 @@ def rephotograph(
             cosine = (here * there).sum(-1).clamp(-1, 1)
             weight = torch.exp(-(torch.rad2deg(torch.acos(cosine)) / _SPREAD).square()) + 1e-6
             total += torch.where(sees[:, None], weight[:, None] * colour, 0.0)
-        image, photographed = torch.zeros(*depth.shape, 3), torch.zeros_like(shown)
-        photographed[shown] = known = total[:, 3] > 0
+        image, seen = torch.zeros(*depth.shape, 3), torch.zeros_like(shown)
+        seen[shown] = known = total[:, 3] > 0
         image[shown] = torch.where(known[:, None], total[:, :3] / total[:, 3:].clamp(min=1e-12), 0.0)
-        images.append(image)
-        covered.append(shown)
-        seen.append(photographed)
-    return Rephotographs(*(torch.stack(items).numpy() for items in (images, covered, seen)))
+        return image, shown, seen
+
+    made = share(one, range(len(held_out)), _nearest(train, held_out, nearest))
+    return Rephotographs(*(torch.stack(items).numpy() for items in zip(*made, strict=True)))
 
 
 def prediction_psnr(made: Rephotographs, held_out: Views, regions: np.ndarray) -> np.ndarray:
@@ -98,18 +98,18 @@ def prediction_scores(made: Rephotographs, held_out: Views, regions: np.ndarray)
         raise DataError(
             "no pixel of the held-out views is to be compared", where="rephotography", fix="look at the regions"
         )
-    scores = []
-    for image, truth, region in zip(made.images, held_out.images, regions, strict=True):
-        if region.any():
-            ours, theirs = image[region].astype(np.float64), truth[region].astype(np.float64)
-            gain = (ours * theirs).sum(0) / np.maximum(np.square(ours).sum(0), 1e-12)
-            apart = _shown(gain * image) - _shown(truth)
-            scores.append(
-                (
-                    -10 * np.log10(max(float(np.square(apart[region]).mean()), 1e-10)),
-                    -20 * np.log10(max(float(np.abs(_detail(apart, region)).mean()), 1e-5)),
-                )
-            )
+
+    def one(image: np.ndarray, truth: np.ndarray, region: np.ndarray) -> tuple[float, float]:
+        ours, theirs = image[region].astype(np.float64), truth[region].astype(np.float64)
+        gain = (ours * theirs).sum(0) / np.maximum(np.square(ours).sum(0), 1e-12)
+        apart = _shown(gain * image) - _shown(truth)
+        return (
+            -10 * np.log10(max(float(np.square(apart[region]).mean()), 1e-10)),
+            -20 * np.log10(max(float(np.abs(_detail(apart, region)).mean()), 1e-5)),
+        )
+
+    some = [k for k, region in enumerate(regions) if region.any()]
+    scores = share(one, *((part[k] for k in some) for part in (made.images, held_out.images, regions)))
     return Scores(*np.array(scores).T)
 
 
@@ -162,7 +162,7 @@ def _shown(linear: np.ndarray) -> np.ndarray:
 
 def _depth(mesh: tuple[torch.Tensor, torch.Tensor], views: Views, view: int) -> torch.Tensor:
     intrinsics, pose = torch.from_numpy(views.intrinsics[view]), torch.from_numpy(views.world_to_camera[view])
-    return rasterize_projected(project(mesh[0], intrinsics, pose), mesh[1], views.height, views.width).depth
+    return rasterize_projected(project(mesh[0], intrinsics, pose), mesh[1], views.height, views.width, bary=False).depth
 
 
 def _nearest(train: Views, held_out: Views, count: int) -> np.ndarray:

@@ -17,10 +17,12 @@ from typing import Any
 import numpy as np
 import torch
 
+from exmesh_graph.gpu.cores import shared
 from exmesh_graph.optim import adam_step
-from exmesh_graph.raster import project, rasterize_projected
+from exmesh_graph.raster import project, rasterize_projected, shown_vertices
 from exmesh_graph.stage1.appearance.colours import UVTexture
 from exmesh_graph.stage1.appearance.model import GRAZED, Moments, Surface
+from exmesh_graph.stage1.appearance.tints import fused_tints, serves, step_residual
 from exmesh_graph.targets import Targets
 
 COUNTS = {1: 3, 2: 8}
@@ -60,27 +62,35 @@ class Directional(UVTexture):
         vertices, faces = surface.vertices.detach(), surface.faces.long()
         total, seen, covered = torch.zeros_like(self.mean), vertices.new_zeros(len(vertices)), 0
         size = (targets.height, targets.width)
-        for intrinsics, pose in zip(targets.intrinsics, targets.world_to_camera, strict=True):
-            face_id = rasterize_projected(project(vertices, intrinsics, pose), surface.faces, *size).face_id
-            shown = face_id[face_id >= 0]
-            covered += len(shown)
-            visible = torch.zeros(len(vertices), dtype=vertices.dtype, device=vertices.device)
-            visible[faces[shown.unique().long()].reshape(-1)] = 1
-            total += visible[:, None] * harmonics(directions(vertices, pose), self.mean.shape[1])
-            seen += visible
+
+        @torch.no_grad()  # a thread's own switch
+        def shown(intrinsics: torch.Tensor, pose: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, int]:
+            """(vertices that a view shows [V], 0 or 1; their harmonics [V, K], else 0; pixels that it shows)."""
+            face_id = rasterize_projected(project(vertices, intrinsics, pose), surface.faces, *size, bary=False).face_id
+            visible = shown_vertices(face_id, faces, len(vertices)).to(vertices.dtype)
+            values = visible[:, None] * harmonics(directions(vertices, pose), self.mean.shape[1])
+            return visible, values, int((face_id >= 0).sum())
+
+        for visible, values, pixels in shared(shown, targets.intrinsics, targets.world_to_camera):
+            total, seen, covered = total + values, seen + visible, covered + pixels
         self.mean = torch.where(seen[:, None] > 0, total / seen.clamp(min=1)[:, None], self.mean)
         self.share = covered / (max(1, len(vertices)) * len(targets) * size[0] * size[1])
 
     def tints(self, vertices: torch.Tensor, world_to_camera: torch.Tensor) -> torch.Tensor:
-        count = self.mean.shape[1]
-        basis = harmonics(directions(vertices, world_to_camera), count) - self.mean
-        return (basis[:, None] @ self.residual.view(-1, count, 3))[:, 0]
+        if serves(vertices, self.residual, self.mean):
+            x, y, z = camera_place(world_to_camera).tolist()
+            return fused_tints(vertices, self.residual, self.mean, (x, y, z))
+        return plain_tints(vertices, self.residual, self.mean, world_to_camera)
 
     @torch.no_grad()
     def step(self, gradients: Sequence[torch.Tensor], count: int, rate: float, pixel: float) -> bool:
         finite = super().step(gradients, count, rate, pixel)
-        pulled = gradients[1] + (2 * self.shrinkage * self.share) * self.residual
-        adam_step(self.residual, pulled, *self.residual_moments, count, self.rate * rate, epsilon=GRAZED * pixel)
+        pull, rate, epsilon = 2 * self.shrinkage * self.share, self.rate * rate, GRAZED * pixel
+        moments = self.residual_moments
+        if serves(self.residual, gradients[1], *moments):
+            return finite & step_residual(self.residual, gradients[1], moments, count, rate, pull=pull, epsilon=epsilon)
+        pulled = gradients[1] + pull * self.residual
+        adam_step(self.residual, pulled, *moments, count, rate, epsilon=epsilon)
         return finite and bool(torch.isfinite(pulled.sum()))
 
     def changing(self) -> dict[str, torch.Tensor]:
@@ -95,10 +105,23 @@ class Directional(UVTexture):
         return {**super().fields(surface, size, fill), "model": {**model, "settings": settings}}
 
 
+def plain_tints(
+    vertices: torch.Tensor, residual: torch.Tensor, mean: torch.Tensor, world_to_camera: torch.Tensor
+) -> torch.Tensor:
+    """Tints [V, 3] of vertices [V, 3] by residual [V, 3 K] and mean [V, K], in torch."""
+    count = mean.shape[1]
+    basis = harmonics(directions(vertices, world_to_camera), count) - mean
+    return (basis[:, None] @ residual.view(-1, count, 3))[:, 0]
+
+
+def camera_place(world_to_camera: torch.Tensor) -> torch.Tensor:
+    """Where a camera [4, 4] stands, [3]."""
+    return -world_to_camera[:3, :3].T @ world_to_camera[:3, 3]
+
+
 def directions(vertices: torch.Tensor, world_to_camera: torch.Tensor) -> torch.Tensor:
     """Unit vectors [V, 3] from the vertices to the camera."""
-    pose = world_to_camera.to(vertices)
-    return torch.nn.functional.normalize(-pose[:3, :3].T @ pose[:3, 3] - vertices, dim=1)
+    return torch.nn.functional.normalize(camera_place(world_to_camera.to(vertices)) - vertices, dim=1)
 
 
 def harmonics(direction: torch.Tensor, count: int) -> torch.Tensor:

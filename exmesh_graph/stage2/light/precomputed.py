@@ -133,8 +133,7 @@ class PrecomputedLight:
     def start(self, maps: MaterialMaps, environment: torch.Tensor, buffers: Iterable[ViewBuffer]) -> None:
         self.find_suns(environment, buffers)
         roughness = float(maps.values()[:, 3].detach().mean())
-        for buffer in buffers:
-            self._keep(buffer, initial_specular_scale(self, buffer, roughness))
+        share(lambda buffer: self._keep(buffer, initial_specular_scale(self, buffer, roughness)), buffers)
 
     def prepare(self, appearance: Appearance) -> PreparedTransport:
         diffuse = None

@@ -36,12 +36,14 @@ ALONE = TOGETHER | {"metal_share": 0.99}
 class Comparison:
     """Squared errors without and with a metallic map, and pixels, summed over C clusters of held-out ones [3, C]: of
     all of them, and of those that the second fit calls metal; None where these are too few to ask the first. `share`:
-    of the held-out pixels, those that come out as metal; `seconds` of a step of the second."""
+    of the held-out pixels, those that come out as metal; `seconds` of a step of the second; `alone`: whether each texel
+    decided for itself."""
 
     share: float
     whole: np.ndarray | None
     metal: np.ndarray | None
     seconds: float
+    alone: bool = False
 
 
 class Split:
@@ -57,13 +59,14 @@ class Split:
         chosen = with_.held_metal()
         (after, pixels), (metal, mine) = with_.held_errors(shown=shown), with_.held_errors(chosen, shown)
         share = float(mine.sum() / max(pixels.sum(), 1.0))
+        seconds, alone = with_.seconds_per_step, way is ALONE
         if share < SHARE:
-            return Comparison(share, None, None, with_.seconds_per_step)
+            return Comparison(share, None, None, seconds, alone)
         if self.without is None:
             self.without = self._fitted(Part())[1]
         before, bare = (self.start.held_errors(only, self.without)[0] for only in (None, chosen))
         whole, own = np.stack([before, after, pixels]), np.stack([bare, metal, mine])
-        return Comparison(share, whole, own, with_.seconds_per_step)
+        return Comparison(share, whole, own, seconds, alone)
 
     def _fitted(self, part: Part) -> tuple[ShortFit, list[torch.Tensor]]:
         """(a fit, what it shows where views are kept out)."""
@@ -105,7 +108,8 @@ def decide_metal(found: Sequence[Comparison], cost: float) -> Decision:
         what = f"{100 * share:.1f} % of the held-out pixels come out as metal, under {100 * SHARE:.0f} %"
         return Decision(False, None, None, cost, f"{what}: no metal.", {"share": share})
     whole, gain = gains
-    what = f"On the held-out pixels that come out as metal, {100 * share:.1f} % of all, a metallic map brings"
+    each = ", each texel for itself" if found[-1].alone else ""
+    what = f"On the held-out pixels that come out as metal{each}, {100 * share:.1f} % of all, a metallic map brings"
     need = f"{required(cost, LEAST):.2f} dB beyond the noise, on {100 * SHARE:.0f} % of the pixels and on all together"
     told = f"{gain.gain:+.2f} ± {gain.error:.2f} dB ({whole.gain:+.2f} on all)"
     reason = f"{what} {told}; metal brings at least {need}."
