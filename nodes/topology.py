@@ -45,6 +45,7 @@ def split(
 
     With `min_edge` the photographs of `views` bound the faces: smaller ones than they show hold noise.
     """
+    from exmesh_graph.geometry.order import in_space_order
     from exmesh_graph.geometry.split import split as split_mesh
 
     before = len(state.faces)
@@ -65,7 +66,7 @@ def split(
     if not uniform and len(done.faces) < 0.9 * target:
         ctx.warn(f"only {len(done.faces)} of {target} faces were reached: no further face can be split")
     ctx.log(f"{before} -> {len(done.faces)} faces, {len(done.vertices)} vertices, {len(done.uvs)} UVs")
-    return StateOut(state.carried(done))
+    return StateOut(state.carried(in_space_order(done)))
 
 
 def _shown_faces(ctx: Context, state: Stage1State, views: Views | None, edge: float) -> int:

@@ -144,7 +144,7 @@ def contribution_counts(
         seen = rasterize(points, triangles, *camera, *size, bary=False).face_id.cpu().numpy().reshape(-1)
         return np.bincount(seen[seen >= 0], minlength=len(faces))
 
-    return np.sum(share(shown, intrinsics, camera_to_world), axis=0, dtype=np.int64)
+    return np.stack(share(shown, intrinsics, camera_to_world)).sum(axis=0, dtype=np.int64)
 
 
 def _cover(

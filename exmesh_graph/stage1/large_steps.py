@@ -48,7 +48,9 @@ def implicit_filter(
     """
     import torch
 
-    edges = torch.unique(edges.long().sort(dim=1).values, dim=0)
+    from exmesh_graph.stage1.regularise import distinct
+
+    edges = distinct(edges.sort(dim=1).values, count)
     if torch.device(device).type == "cpu":
         return _factorised(count, edges.numpy(), strength)
     return _conjugate_gradients(count, edges.to(device), strength)

@@ -11,8 +11,6 @@ import torch
 from scipy.sparse import coo_matrix, diags_array
 from scipy.sparse.linalg import spsolve
 
-from exmesh_graph.gpu.cores import shared
-from exmesh_graph.raster import project, rasterize_projected, shown_vertices
 from exmesh_graph.stage1.appearance.model import Surface
 from exmesh_graph.targets import Targets
 
@@ -23,18 +21,7 @@ _LOOSE = 1e-9  # weight of staying where nothing around is seen
 def unseen(surface: Surface, targets: Targets) -> torch.Tensor:
     """bool [V]: vertices whose faces show in fewer than two views, for one alone cannot tell how far away they are; in
     none, where there is but one."""
-    vertices, faces = surface.vertices.detach(), surface.faces.long()
-
-    @torch.no_grad()  # a thread's own switch
-    def shown(intrinsics: torch.Tensor, pose: torch.Tensor) -> torch.Tensor:
-        place, size = project(vertices, intrinsics, pose), (targets.height, targets.width)
-        return shown_vertices(
-            rasterize_projected(place, surface.faces, *size, bary=False).face_id, faces, len(vertices)
-        )
-
-    views = torch.zeros(len(vertices), dtype=torch.int32, device=faces.device)
-    for vertex in shared(shown, targets.intrinsics, targets.world_to_camera):
-        views += vertex
+    views = targets.shown(surface.vertices, surface.faces).vertices.sum(dim=0)
     return views < min(_VIEWS, len(targets))
 
 

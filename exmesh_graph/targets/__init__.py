@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -11,7 +12,7 @@ from exmesh_graph.errors import DataError
 from exmesh_graph.gpu.cores import share
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.losses import Box, SsimTarget, mask_box, ssim_target
-from exmesh_graph.raster import project, rasterize_projected
+from exmesh_graph.raster import project, rasterize_projected, shown_vertices
 from exmesh_graph.targets.visits import PIXEL_BYTES, Plane, shown
 from exmesh_graph.types import DepthMaps, Mesh, Views
 from exmesh_graph.types.pictures import LARGE
@@ -20,6 +21,13 @@ GAIN_RATE = 0.3
 GAIN_LIMITS = (0.5, 2.0)
 MEMORY_GIB = 4.0
 SSIM_CACHE_BYTES = 1 << 30
+
+
+class Shown(NamedTuple):
+    """Whether each view shows each vertex of a mesh, bool [N, V], and how many pixels of all views show its faces."""
+
+    vertices: torch.Tensor
+    pixels: int
 
 
 @dataclass
@@ -47,6 +55,7 @@ class Targets:
     ssim_bytes: float = SSIM_CACHE_BYTES
     _boxes: dict[int, Box] = field(default_factory=dict)
     _ssim: dict[int, SsimTarget] = field(default_factory=dict)
+    _shown: tuple[torch.Tensor, torch.Tensor, Shown] | None = None
 
     def __len__(self) -> int:
         return len(self.names)
@@ -73,6 +82,24 @@ class Targets:
         if view not in self._boxes:
             self._boxes[view] = mask_box(self.alpha[view] > 0 if self.inside is None else self.inside[view])
         return self._boxes[view]
+
+    def shown(self, vertices: torch.Tensor, faces: torch.Tensor) -> Shown:
+        """What the views show of a mesh, [V, 3] and integer [F, 3]; the last answer is kept, for when the same is asked
+        again."""
+        vertices, kept = vertices.detach(), self._shown
+        if kept and torch.equal(kept[0], vertices) and torch.equal(kept[1], faces):
+            return kept[2]
+        whole, size = faces.long(), (self.height, self.width)
+
+        @torch.no_grad()  # a thread's own switch
+        def one(k: torch.Tensor, pose: torch.Tensor) -> tuple[torch.Tensor, int]:
+            face_id = rasterize_projected(project(vertices, k, pose), faces, *size, bary=False).face_id
+            return shown_vertices(face_id, whole, len(vertices)), int((face_id >= 0).sum())
+
+        seen, pixels = zip(*share(one, self.intrinsics, self.world_to_camera), strict=True)
+        found = Shown(torch.stack(seen), sum(pixels))
+        self._shown = vertices.clone(), faces, found
+        return found
 
     def ssim_target(self, view: int) -> SsimTarget:
         """SSIM statistics of the view inside its box; kept where all of them fit into `ssim_bytes`."""

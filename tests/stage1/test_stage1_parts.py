@@ -11,7 +11,7 @@ from exmesh_graph.raster import edge_table
 from exmesh_graph.stage1.appearance.colours import UVTexture
 from exmesh_graph.stage1.init import fill_unseen, initial_state
 from exmesh_graph.stage1.refine import vertex_areas
-from exmesh_graph.stage1.regularise import deviation, smoother, smoothness
+from exmesh_graph.stage1.regularise import deviation, distinct, smoother, smoothness
 from exmesh_graph.stage1.render import render_carrier
 from exmesh_graph.targets import prepare_targets
 from exmesh_graph.testing import FakeContext
@@ -182,3 +182,10 @@ def test_nodes_pass_their_parameters_on():
     assert out.history.values["iteration"][-1] == 4
     assert np.isfinite(out.history.values["psnr"]).all()
     assert fresh_state(ball()).iteration == 0
+
+
+@pytest.mark.parametrize("count", [0, 1, 7, 100])
+def test_distinct_edges_are_the_unique_rows_in_order(count):
+    rng = torch.Generator().manual_seed(count)
+    edges = torch.randint(0, max(count, 1), (3 * count, 2), generator=rng, dtype=torch.int32)
+    assert torch.equal(distinct(edges, count), torch.unique(edges.long(), dim=0).reshape(-1, 2))

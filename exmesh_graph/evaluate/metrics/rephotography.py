@@ -109,7 +109,8 @@ def prediction_scores(made: Rephotographs, held_out: Views, regions: np.ndarray)
         )
 
     some = [k for k, region in enumerate(regions) if region.any()]
-    scores = share(one, *((part[k] for k in some) for part in (made.images, held_out.images, regions)))
+    pictures = ((made.images[k], held_out.images[k], regions[k]) for k in some)
+    scores = share(lambda three: one(*three), pictures)
     return Scores(*np.array(scores).T)
 
 

@@ -19,7 +19,6 @@ import torch
 
 from exmesh_graph.gpu.cores import shared
 from exmesh_graph.optim import adam_step
-from exmesh_graph.raster import project, rasterize_projected, shown_vertices
 from exmesh_graph.stage1.appearance.colours import UVTexture
 from exmesh_graph.stage1.appearance.model import GRAZED, Moments, Surface
 from exmesh_graph.stage1.appearance.tints import fused_tints, serves, step_residual
@@ -59,22 +58,19 @@ class Directional(UVTexture):
     @torch.no_grad()
     def prepare(self, surface: Surface, targets: Targets) -> None:
         """Take the means over the views that show a vertex's faces; a vertex that none shows keeps its own."""
-        vertices, faces = surface.vertices.detach(), surface.faces.long()
-        total, seen, covered = torch.zeros_like(self.mean), vertices.new_zeros(len(vertices)), 0
-        size = (targets.height, targets.width)
+        vertices, count = surface.vertices.detach(), self.mean.shape[1]
+        shown = targets.shown(vertices, surface.faces)
 
         @torch.no_grad()  # a thread's own switch
-        def shown(intrinsics: torch.Tensor, pose: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, int]:
-            """(vertices that a view shows [V], 0 or 1; their harmonics [V, K], else 0; pixels that it shows)."""
-            face_id = rasterize_projected(project(vertices, intrinsics, pose), surface.faces, *size, bary=False).face_id
-            visible = shown_vertices(face_id, faces, len(vertices)).to(vertices.dtype)
-            values = visible[:, None] * harmonics(directions(vertices, pose), self.mean.shape[1])
-            return visible, values, int((face_id >= 0).sum())
+        def values(visible: torch.Tensor, pose: torch.Tensor) -> torch.Tensor:
+            return visible[:, None] * harmonics(directions(vertices, pose), count)
 
-        for visible, values, pixels in shared(shown, targets.intrinsics, targets.world_to_camera):
-            total, seen, covered = total + values, seen + visible, covered + pixels
-        self.mean = torch.where(seen[:, None] > 0, total / seen.clamp(min=1)[:, None], self.mean)
-        self.share = covered / (max(1, len(vertices)) * len(targets) * size[0] * size[1])
+        total = torch.zeros_like(self.mean)
+        for one in shared(values, shown.vertices, targets.world_to_camera):
+            total += one
+        seen = shown.vertices.sum(dim=0)[:, None]
+        self.mean = torch.where(seen > 0, total / seen.clamp(min=1), self.mean)
+        self.share = shown.pixels / (max(1, len(vertices)) * len(targets) * targets.height * targets.width)
 
     def tints(self, vertices: torch.Tensor, world_to_camera: torch.Tensor) -> torch.Tensor:
         if serves(vertices, self.residual, self.mean):
