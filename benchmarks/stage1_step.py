@@ -134,8 +134,8 @@ def plainly(really: bool) -> Iterator[None]:
         return
     in_strips = rasterize.rasterize_projected
 
-    def serial(projected, faces, height, width, near, cull_back):
-        return in_strips(projected, faces, height, width, near=near, cull_back=cull_back, large_face=0)
+    def serial(projected, faces, height, width, near, cull_back, bary):
+        return in_strips(projected, faces, height, width, near=near, cull_back=cull_back, bary=bary, large_face=0)
 
     with (
         patch.object(refine, "painter_of", lambda *_: None),
