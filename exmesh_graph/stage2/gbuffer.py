@@ -29,6 +29,10 @@ SSIM_BYTES = 36
 #: `ViewBuffer.footprint.order` and `neighbours` of a pixel.
 FUSED_BYTES = 20
 
+_OF_PIXELS = (
+    "pixel", "target", "clipped", "coverage", "face", "bary", "texel", "texel_weight", "n_v", "box_pixel",
+)  # fmt: skip
+
 
 @dataclass
 class ViewBuffer:
@@ -81,6 +85,11 @@ class ViewBuffer:
             found[second[chosen], side] = self.pairs[chosen, 0]
             found[first[chosen], side + 1] = self.pairs[chosen, 1]
         return found
+
+    def at(self, rows: torch.Tensor) -> ViewBuffer:
+        """The buffer of some of its pixels, which have no neighbours in it."""
+        some = {name: getattr(self, name)[rows] for name in _OF_PIXELS}
+        return replace(self, **some, pairs=self.pairs[:0], light=self.light.at(rows), ssim=None)
 
     def samples(self, geometry: CarrierGeometry) -> SurfaceSamples:
         """The buffer's surface samples, rebuilt."""
@@ -171,8 +180,7 @@ def _box(pixel: torch.Tensor, width: int) -> tuple[tuple[int, int], torch.Tensor
 
 
 def _pairs(inside: torch.Tensor, samples: SurfaceSamples, pixel: torch.Tensor) -> torch.Tensor:
-    """Horizontal and vertical neighbours that lie on one surface: the step between them stays near both tangent
-    planes (a jump in depth is no neighbourhood of the material)."""
+    """Horizontal and vertical neighbours that lie on one surface."""
     height, width = inside.shape
     row = torch.full((height * width,), -1, dtype=torch.int32, device=inside.device)
     row[pixel] = torch.arange(len(pixel), dtype=torch.int32, device=inside.device)
@@ -181,12 +189,7 @@ def _pairs(inside: torch.Tensor, samples: SurfaceSamples, pixel: torch.Tensor) -
     down = torch.stack([grid[:-1].reshape(-1), grid[1:].reshape(-1)], 1)
     pairs = torch.cat([across, down])
     pairs = pairs[(pairs >= 0).all(1)]
-    step = samples.position[pairs[:, 0]] - samples.position[pairs[:, 1]]
-    length = step.norm(dim=-1).clamp_min(1e-12)
-    slope = torch.maximum(
-        (step * samples.flat[pairs[:, 0]]).sum(-1).abs(), (step * samples.flat[pairs[:, 1]]).sum(-1).abs()
-    )
-    return pairs[slope < 0.5 * length]
+    return pairs[samples.joined(pairs[:, 0], pairs[:, 1])]
 
 
 @dataclass(frozen=True)

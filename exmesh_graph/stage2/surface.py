@@ -51,8 +51,16 @@ class SurfaceSamples:
     def __len__(self) -> int:
         return len(self.n_v)
 
-    def __getitem__(self, part: slice) -> SurfaceSamples:
+    def __getitem__(self, part: slice | torch.Tensor) -> SurfaceSamples:
         return SurfaceSamples(*(values[part] for values in vars(self).values()))
+
+    def joined(self, first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
+        """Whether pairs of points, by their numbers, lie on one surface, bool of that shape: the step between them
+        stays near both tangent planes (a jump in depth is no neighbourhood of the material)."""
+        step = self.position[first] - self.position[second]
+        length = step.norm(dim=-1).clamp_min(1e-12)
+        slope = torch.maximum((step * self.flat[first]).sum(-1).abs(), (step * self.flat[second]).sum(-1).abs())
+        return slope < 0.5 * length
 
 
 class CarrierGeometry:

@@ -12,8 +12,11 @@ from exmesh_graph.shading.lattice import face_starts
 from exmesh_graph.shading.operators import at_surface
 from exmesh_graph.shading.specular import scattered
 from exmesh_graph.stage2.decomposition import Decomposition
-from exmesh_graph.stage2.light import precomputed
-from exmesh_graph.stage2.light.precomputed import initial_specular_scale, measured_specular_scale
+from exmesh_graph.stage2.light import correction
+from exmesh_graph.stage2.light.correction import measured_specular_scale
+from exmesh_graph.stage2.light.precomputed import initial_specular_scale
+from exmesh_graph.stage2.light.sparse import HEARD, Sparse, find_near, plain_near, shared_lobes
+from exmesh_graph.stage2.maps import Appearance
 from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.stage2.surface import texel_footprint
 
@@ -75,11 +78,11 @@ def test_rays_of_neighbours_count_as_far_as_their_lobes_are_a_pixels_own(model, 
         torch.rand(len(buffer.pixel), 3, generator=second),
     )
     rays = []
-    monkeypatch.setattr(precomputed, "traced_specular", lambda *args: (rays.append(args[-3:]), traced)[1])
+    monkeypatch.setattr(correction, "traced_specular", lambda *args: (rays.append(args[-3:]), traced)[1])
     monkeypatch.setattr(model.light, "split_sum", lambda *_: split)
     material = model.maps.read(model.maps.values(), buffer.texel, buffer.texel_weight)
     found = measured_specular_scale(
-        model.light, buffer, material, None, torch.ones(16, 32, 3), torch.zeros(1, 3), third
+        model.light, buffer, material, None, torch.ones(16, 32, 3), lambda face, bary: None, third
     )
     beside = [[] for _ in buffer.pixel]
     for one, other in buffer.pairs.tolist():
@@ -99,6 +102,95 @@ def test_rays_of_neighbours_count_as_far_as_their_lobes_are_a_pixels_own(model, 
     assert count == math.ceil(16 / (1 + np.mean(counted)))
     assert shift.shape == (len(buffer.pixel), 2)
     assert count * shared == pytest.approx(16)
+
+
+@pytest.mark.parametrize("every", [2, 3])
+@pytest.mark.parametrize("roughness", [0.15, 0.5])
+def test_crossings_and_what_they_do_not_speak_for_are_measured(model, every, roughness):
+    """Pixel by pixel, by its row and column: who is measured, with whom, and from whom the others take the factor."""
+    for buffer in model.buffers[:3]:
+        surface = buffer.samples(model.geometry)
+        rough = torch.full((len(buffer.pixel),), roughness)
+        sparse = Sparse.of(buffer, surface, rough, every)
+        rows = sparse.rows.tolist()
+        width = buffer.box[1]
+        places = [divmod(at, width) for at in buffer.box_pixel.tolist()]
+        number = {at: k for k, at in enumerate(places)}
+        others = dict(zip(sparse.others.tolist(), zip(sparse.corners, sparse.weight, strict=True), strict=True))
+        assert sorted([*rows, *others]) == list(range(len(places)))
+        assert len(rows) < (0.6 if roughness > 0.2 else 1) * len(places)
+
+        def alike(one, places_of, number=number, surface=surface, rough=rough):
+            """{pixel: how far its lobe is that of `one`} of those of the places that lie on its surface."""
+            found = [number[at] for at in places_of if at in number]
+            found = [k for k in found if k != one and bool(surface.joined(torch.tensor(one), torch.tensor(k)))]
+            shares = shared_lobes(surface, rough, torch.tensor([found], dtype=torch.int64), torch.tensor([one]))[0]
+            return dict(zip(found, shares.tolist(), strict=True))
+
+        for pixel, (y, x) in enumerate(places):
+            top, left = y - y % every, x - x % every
+            crossing = (y, x) == (top, left)
+            if crossing:
+                around = [(y, x - every), (y, x + every), (y - every, x), (y + every, x)]
+                beside = {rows[k] for k in sparse.near[rows.index(pixel)].tolist()} - {pixel}
+                assert beside == set(alike(pixel, around))
+                continue
+            weight = {
+                k: share * (1 - abs(y - places[k][0]) / every) * (1 - abs(x - places[k][1]) / every)
+                for k, share in alike(pixel, [(top + a, left + b) for a in (0, every) for b in (0, every)]).items()
+            }
+            total = sum(weight.values())
+            assert (pixel in others) == (total >= HEARD)
+            if pixel in others:
+                found: dict[int, float] = {}
+                for place, part in zip(*(values.tolist() for values in others[pixel]), strict=True):
+                    found[rows[place]] = found.get(rows[place], 0.0) + part
+                for k, part in weight.items():
+                    assert found.get(k, 0.0) == pytest.approx(part / total, abs=1e-5)
+
+
+@pytest.mark.parametrize("every", [1, 2, 5])
+@pytest.mark.parametrize("roughness", [0.0, 0.02, 0.3, 1.0])
+def test_fused_crossings_equal_the_plain_ones(model, every, roughness):
+    for buffer in model.buffers[:4]:
+        surface = buffer.samples(model.geometry)
+        rough = roughness + 0.2 * torch.rand(len(surface), generator=torch.Generator().manual_seed(0))
+        near, share = find_near(buffer, surface, rough, every)
+        there, wanted = plain_near(buffer, surface, rough, every)
+        torch.testing.assert_close(share, wanted, rtol=1e-3, atol=1e-4)  # of 1 - cosine, which has few digits
+        assert torch.equal(near[wanted > 0].long(), there[wanted > 0])
+        assert bool((wanted[there == torch.arange(len(near))[:, None]] == 0).all())
+
+
+def test_a_view_of_many_pixels_is_measured_as_well_at_its_crossings(model):
+    """Against many rays of each pixel: hardly further off than all pixels with rays of their own, at a part of the
+    rays."""
+    environment = envmap.radiance_of(model.environment.detach())
+    ramp = torch.linspace(0.2, 3.0, environment.shape[1])[None, :, None]
+    appearance = Appearance(model.maps, model.maps.values(), (environment * ramp).contiguous())
+    prepared = model.light.prepare(appearance)
+    sent = torch.full((len(model.light.operators.light.points), 3), 0.3)
+
+    def at(face, bary):
+        return at_surface(model.light.operators.light, sent, face, bary)
+
+    wrong = {}
+    for buffer in model.buffers[:4]:
+        material = model.maps.read(model.maps.values(), buffer.texel, buffer.texel_weight)
+
+        def found(crossings, samples, buffer=buffer, material=material):
+            rays = model.light.settings.replaced(correction_samples=samples)
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setattr(model.light, "settings", rays)
+                return measured_specular_scale(
+                    model.light, buffer, material, prepared, appearance.environment, at,
+                    torch.Generator().manual_seed(1), crossings,
+                )  # fmt: skip
+
+        exact = found(len(buffer.pixel), 1024)
+        for name, crossings in (("all", len(buffer.pixel)), ("some", len(buffer.pixel) // 4)):
+            wrong.setdefault(name, []).append(float((found(crossings, 16) - exact).abs().mean()))
+    assert np.mean(wrong["some"]) < np.mean(wrong["all"])
 
 
 def test_hits_send_what_they_scatter_of_their_irradiance(model):

@@ -12,7 +12,6 @@ come from the cheap term. As the fit settles, so does `c`: a defect correction.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -24,7 +23,6 @@ from exmesh_graph.gpu.cores import share
 from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.rays import RayTracer
 from exmesh_graph.shading import brdf, envmap
-from exmesh_graph.shading.envmap import Pyramid
 from exmesh_graph.shading.gather import gather_rows
 from exmesh_graph.shading.lattice import locate
 from exmesh_graph.shading.operators import Binning, Deeper, LightTransport, VectorTransport, at_surface
@@ -38,8 +36,9 @@ from exmesh_graph.shading.specular import (
 )
 from exmesh_graph.stage2.fused.view import SpecularTables
 from exmesh_graph.stage2.gbuffer import ViewBuffer
+from exmesh_graph.stage2.light.correction import measured_specular_scale
 from exmesh_graph.stage2.light.fused_lobes import visible_share
-from exmesh_graph.stage2.light.traced import FittedSuns, find_fitted_suns, traced_specular
+from exmesh_graph.stage2.light.traced import FittedSuns, find_fitted_suns
 from exmesh_graph.stage2.maps import Appearance, Footprint, Material, MaterialMaps
 from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.stage2.surface import (
@@ -51,9 +50,6 @@ from exmesh_graph.stage2.surface import (
     texel_footprint,
 )
 from exmesh_graph.types import Transport
-
-#: Bounds of the factor `c`: where the split sum is nearly black the ratio means nothing.
-LARGEST = 4.0
 
 
 @dataclass
@@ -70,6 +66,10 @@ class PrecomputedView:
     env_u: torch.Tensor
     env_v: torch.Tensor
     specular_scale: torch.Tensor
+
+    def at(self, rows: torch.Tensor) -> PrecomputedView:
+        """The same of some of the pixels."""
+        return PrecomputedView(**{name: values[rows] for name, values in vars(self).items()})
 
 
 @dataclass
@@ -234,14 +234,15 @@ class PrecomputedLight:
             arriving = arriving + self.suns.lattice @ prepared.flux
         leaving = self.lattice_sends(maps, values) * arriving
 
+        def sent(face: torch.Tensor, bary: torch.Tensor) -> torch.Tensor:
+            return at_surface(self.operators.light, leaving, face, bary)
+
         @torch.no_grad()  # a thread's own switch
         def measured(seed: int, buffer: ViewBuffer) -> None:
             if len(buffer.pixel):
                 material = maps.read(values, buffer.texel, buffer.texel_weight)
                 drawn = torch.Generator().manual_seed(seed)  # a view's own: whoever measures it
-                self._keep(
-                    buffer, measured_specular_scale(self, buffer, material, prepared, environment, leaving, drawn)
-                )
+                self._keep(buffer, measured_specular_scale(self, buffer, material, prepared, environment, sent, drawn))
 
         first = int(torch.randint(1 << 40, (), generator=generator))
         share(lambda numbered: measured(*numbered), enumerate(buffers, first))
@@ -292,50 +293,3 @@ def initial_specular_scale(
         share = mean_visibility(seen, directions, reflected[part], roughness)
         scale[part] = share[:, None]
     return scale
-
-
-@torch.no_grad()
-def measured_specular_scale(
-    light: PrecomputedLight,
-    buffer: ViewBuffer,
-    material: Material,
-    prepared: PreparedTransport,
-    environment: torch.Tensor,
-    leaving: torch.Tensor,
-    generator: torch.Generator,
-) -> torch.Tensor:
-    """A view's factor [N, 3], traced / split sum; `leaving` [P, 3] is the radiance that lattice points send on.
-
-    A pixel's neighbours on the same surface see nearly the same through their lobes. So their rays count with its own,
-    the factor is the ratio of the sums, and each traces as many as make `correction_samples` together on the mean.
-    """
-    surface = light.surface(buffer, material)
-    near, share = buffer.neighbours.long(), shared_lobes(surface, material.roughness, buffer.neighbours)
-    wanted, counted = light.settings.correction_samples, 1 + float(share.sum(1).mean())
-    rays = math.ceil(wanted / counted)
-    traced = traced_specular(
-        surface,
-        light.geometry.face_normals,
-        material.roughness,
-        brdf.base_reflectance(material.base_color, material.metallic),
-        Pyramid(environment),
-        light.tracer,
-        lambda face, bary: at_surface(light.operators.light, leaving, face, bary),
-        rays,
-        torch.rand(len(surface), 2, generator=generator),
-        wanted / rays,
-    )
-    split = light.split_sum(buffer, material, prepared, None if light.frames is None else surface)
-    traced, split = (value + (share[..., None] * value[near]).sum(1) for value in (traced, split))
-    return (traced / split.clamp_min(1e-6)).clamp(0, LARGEST)
-
-
-def shared_lobes(surface: SurfaceSamples, roughness: torch.Tensor, neighbours: torch.Tensor) -> torch.Tensor:
-    """How far the lobes of N pixels' `neighbours` int32 [N, 4] (the pixel itself: none) are its own: [N, 4], at most 1.
-
-    exp(-(t / 2 alpha)^2) of the angle t between their mirrored directions: half vectors of a lobe spread by alpha.
-    """
-    near = neighbours.long()
-    cosine = (surface.reflected[near] * surface.reflected[:, None]).sum(-1)
-    share = torch.exp((cosine - 1).clamp_max(0) / (2 * brdf.alpha_of(roughness)[:, None] ** 2))
-    return share * (near != torch.arange(len(near), device=near.device)[:, None])
