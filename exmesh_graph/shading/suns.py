@@ -25,6 +25,8 @@ BRIGHTNESS = 20.0
 SHARE, MOST = 0.01, 8
 #: Largest solid angle of a sun over that of a direction's cell: wider lights the directions resolve by themselves.
 CELLS = 4.0
+#: Rays of a point towards a sun.
+SUN_RAYS = 8
 #: Rays at a time.
 CHUNK = 1 << 18
 
@@ -115,6 +117,19 @@ def find_suns(environment: torch.Tensor, directions: int) -> Suns:
     )
 
 
+def overlap(one: Suns, other: Suns) -> float:
+    """How much of the suns' light leaves from the same places, by the sun that shares least of it: 1 for the same suns,
+    0 where there are not as many."""
+    if one.shape != other.shape or len(one) != len(other):
+        return 0.0
+    shares = torch.zeros(2, len(one), one.shape[0] * one.shape[1], dtype=torch.float64, device=one.texel.device)
+    for place, suns in zip(shares, (one, other), strict=True):
+        place[suns.sun, suns.texel] = suns.share
+    common = torch.minimum(shares[0][:, None], shares[1]).sum(-1)  # [S, S]
+    best = common.max(dim=1)
+    return float(best.values.min()) if len(best.indices.unique()) == len(one) else 0.0
+
+
 @torch.no_grad()
 def unoccluded(
     origins: torch.Tensor, flat: torch.Tensor, directions: torch.Tensor, tracer: RayTracer, chunk: int = CHUNK
@@ -130,31 +145,55 @@ def unoccluded(
 
 @torch.no_grad()
 def sun_transfer(
-    suns: Suns, origins: torch.Tensor, normal: torch.Tensor, flat: torch.Tensor, tracer: RayTracer, samples: int = 8
+    suns: Suns,
+    origins: torch.Tensor,
+    normal: torch.Tensor,
+    flat: torch.Tensor,
+    tracer: RayTracer,
+    samples: int = SUN_RAYS,
 ) -> torch.Tensor:
-    """Irradiance [N, S] of points per flux of each sun: the mean of max(n . w, 0) over what is seen of it.
+    """Irradiance [N, S] of points per flux of each sun: the mean of max(n . w, 0) over what is seen of it."""
+    result = normal.new_zeros(len(normal), len(suns))
+    for sun, towards in enumerate(suns.directions(sobol_points(samples).to(normal.device))):
+        result[:, sun] = seen_irradiance(towards, origins, normal, flat, tracer)
+    return result
+
+
+@torch.no_grad()
+def seen_irradiance(
+    towards: torch.Tensor, origins: torch.Tensor, normal: torch.Tensor, flat: torch.Tensor, tracer: RayTracer
+) -> torch.Tensor:
+    """max(n . w, 0) [N], averaged over the directions `towards` [K, 3] in which rays of points meet nothing.
 
     A point whose first half of rays all meet something, or all nothing, is in no penumbra: the other half is not traced
     there. So a soft shadow is a little harder, by 0.04 of the sun where a fifth of it is hidden.
     """
-    directions = suns.directions(sobol_points(samples).to(normal.device))
-    result = normal.new_zeros(len(normal), len(suns))
-    for sun, column in enumerate(result.unbind(1)):
-        traced, free = (torch.zeros(len(normal), dtype=torch.int8, device=normal.device) for _ in range(2))
-        for number, towards in enumerate(directions[sun]):
-            cosine = _along(normal, towards)
-            lit = (cosine > 0) & (_along(flat, towards) > 0)
-            if 2 * number >= samples:
-                clear = lit & (traced > 0) & (free == traced)
-                column += torch.where(clear, cosine, 0)
-                lit &= (traced == 0) | ((free > 0) & (free < traced))
-            for part in torch.nonzero(lit)[:, 0].split(CHUNK):
-                seen = ~any_hit(tracer, origins[part], towards.expand(len(part), 3))
-                column[part] += cosine[part] * seen
-                if 2 * number < samples:
-                    traced[part] += 1
-                    free[part] += seen
+    result, samples = normal.new_zeros(len(normal)), len(towards)
+    traced, free = (torch.zeros(len(normal), dtype=torch.int8, device=normal.device) for _ in range(2))
+    for number, direction in enumerate(towards):
+        cosine = _along(normal, direction)
+        lit = (cosine > 0) & (_along(flat, direction) > 0)
+        if 2 * number >= samples:
+            clear = lit & (traced > 0) & (free == traced)
+            result += torch.where(clear, cosine, 0)
+            lit &= (traced == 0) | ((free > 0) & (free < traced))
+        for part in torch.nonzero(lit)[:, 0].split(CHUNK):
+            seen = ~any_hit(tracer, origins[part], direction.expand(len(part), 3))
+            result[part] += cosine[part] * seen
+            if 2 * number < samples:
+                traced[part] += 1
+                free[part] += seen
     return result / samples
+
+
+@torch.no_grad()
+def open_irradiance(towards: torch.Tensor, normal: torch.Tensor, flat: torch.Tensor) -> torch.Tensor:
+    """`seen_irradiance` [N] where nothing stands in the way."""
+    result = normal.new_zeros(len(normal))
+    for direction in towards:
+        cosine = _along(normal, direction)
+        result += torch.where((cosine > 0) & (_along(flat, direction) > 0), cosine, 0)
+    return result / len(towards)
 
 
 def _along(vectors: torch.Tensor, direction: torch.Tensor) -> torch.Tensor:

@@ -103,8 +103,9 @@ def _optimise(
     if resumed is None:
         if glossy:
             model.maps.polish(GLOSSY)
-        model.start()
-        if not model.neutral and settings.corrections:
+        if model.neutral or not settings.corrections:
+            model.start()
+        else:
             model.measure(settings.indirect_weight, generator)
         guard.start()
     else:

@@ -91,6 +91,11 @@ class ViewBuffer:
         some = {name: getattr(self, name)[rows] for name in _OF_PIXELS}
         return replace(self, **some, pairs=self.pairs[:0], light=self.light.at(rows), ssim=None)
 
+    def crossings(self, every: int) -> torch.Tensor:
+        """Which pixels lie in every n-th row and column, bool [N]."""
+        width = self.box[1]
+        return ((self.box_pixel // width) % every == 0) & ((self.box_pixel % width) % every == 0)
+
     def samples(self, geometry: CarrierGeometry) -> SurfaceSamples:
         """The buffer's surface samples, rebuilt."""
         return geometry.samples(self.face, self.bary, self.camera)

@@ -10,7 +10,7 @@ from exmesh_graph.rays import make_ray_tracer
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.operators import LightTransport
 from exmesh_graph.shading.point_sets import sobol_points
-from exmesh_graph.shading.suns import find_suns, sun_transfer, unoccluded
+from exmesh_graph.shading.suns import find_suns, overlap, sun_transfer, unoccluded
 from exmesh_graph.shading.transport import lattice_origins, trace_transport, with_bounces
 from tests.shading.monte_carlo_scenes import wall_and_floor
 from tests.shading.shading_statistics import chi_square_excess
@@ -178,3 +178,20 @@ def _reference(suns, origins, normal, flat, tracer, samples=8):
         parts.append((cosine * unoccluded(origins, flat, towards, tracer)).t())
         open_.append(cosine.t())
     return torch.stack(parts, 1), torch.stack(open_, 1)
+
+
+def test_overlap_is_the_light_that_leaves_from_the_same_places():
+    sky = torch.full((32, 64, 3), 0.01)
+    sky[8, 20], sky[8, 21], sky[20, 50] = 60.0, 20.0, 50.0
+    suns = find_suns(sky, 64)
+    assert len(suns) == 2
+    assert overlap(suns, find_suns(3 * sky, 64)) == pytest.approx(1)
+    for change, expected in (((20.0, 60.0), 0.5), ((60.0, 0.01), 0.75), ((0.01, 90.0), 0.25)):
+        moved = sky.clone()
+        moved[8, 20], moved[8, 21] = change
+        there = find_suns(moved, 64)
+        assert overlap(suns, there) == pytest.approx(expected, abs=1e-3)
+        assert overlap(there, suns) == pytest.approx(expected, abs=1e-3)
+    moved[20, 50] = 0.01
+    assert overlap(suns, find_suns(moved, 64)) == 0
+    assert overlap(suns, find_suns(torch.ones(16, 32, 3), 64)) == 0

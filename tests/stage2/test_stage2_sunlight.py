@@ -14,7 +14,7 @@ from exmesh_graph.shading.suns import find_suns
 from exmesh_graph.stage2 import render
 from exmesh_graph.stage2 import scene as scenes
 from exmesh_graph.stage2.decomposition import Decomposition
-from exmesh_graph.stage2.light import traced
+from exmesh_graph.stage2.light import fitted_suns
 from exmesh_graph.stage2.maps import Appearance
 from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.stage2.surface import texel_footprint
@@ -142,7 +142,7 @@ def test_the_fit_sees_a_sun_of_its_environment_where_it_is(true_asset, carrier, 
     errors = {}
     for sharp in (True, False):
         if not sharp:
-            monkeypatch.setattr(traced, "find_suns", lambda sky, count: find_suns(torch.ones_like(sky), count))
+            monkeypatch.setattr(fitted_suns, "find_suns", lambda sky, count: find_suns(torch.ones_like(sky), count))
         model = _model(true_asset, carrier, train_views, transport)
         model.measure(1.0, torch.Generator().manual_seed(0))
         assert (model.light.suns is not None) == sharp
@@ -175,3 +175,50 @@ def test_the_suns_light_is_linear_in_its_texels_and_survives_a_checkpoint(
     again = _model(true_asset, carrier, train_views, transport)
     again.light.restore(again.buffers.held, load_state(tmp_path))
     assert torch.equal(_shade(again), _shade(model))
+
+
+def test_in_a_view_of_many_pixels_suns_are_traced_from_crossings_and_where_they_disagree(
+    true_asset, carrier, train_views, transport, monkeypatch
+):
+    """Almost all pixels as if each had rays of its own, with rays of a part of them."""
+    model = _model(true_asset, carrier, train_views, transport)
+    light = model.light
+    suns = find_suns(envmap.radiance_of(model.environment.detach()), len(light.operators.light.directions))
+    traced, plain = [], fitted_suns.seen_irradiance
+
+    def counted(towards, origins, *rest):
+        traced.append(len(origins))
+        return plain(towards, origins, *rest)
+
+    monkeypatch.setattr(fitted_suns, "seen_irradiance", counted)
+    wrong, dark, pixels = [], [], 0
+    for buffer in model.buffers:
+        surface = buffer.samples(model.geometry)
+        exact = fitted_suns.view_transfer(suns, buffer, surface, light.tracer)
+        found = fitted_suns.view_transfer(suns, buffer, surface, light.tracer, len(buffer.pixel) // 4)
+        at = buffer.crossings(2)
+        assert torch.equal(found[at], exact[at])
+        wrong.append(((found - exact).abs() > 0.02).any(1).float().mean())
+        pixels += len(suns) * len(buffer.pixel)
+        dark.append((exact == 0).float().mean())
+    assert 0.05 < float(torch.stack(dark).mean()) < 0.95
+    assert float(torch.stack(wrong).mean()) < 0.01
+    assert sum(traced) < 0.75 * pixels
+
+
+def test_suns_stay_while_their_light_hardly_moves(true_asset, carrier, train_views, transport):
+    model = _model(true_asset, carrier, train_views, transport)
+    light, sky = model.light, envmap.radiance_of(model.environment.detach())
+    light.find_suns(sky, model.buffers)
+    first = light.suns
+    light.find_suns(1.3 * sky, model.buffers)
+    assert light.suns is first
+    light.find_suns(sky.roll(1, dims=1), model.buffers)
+    assert light.suns is not first
+    assert not torch.equal(light.suns.suns.texel, first.suns.texel)
+    now = light.suns
+    light.find_suns(sky.roll(1, dims=1), [*model.buffers[:2], model.buffers[2].at(torch.arange(3))])
+    assert light.suns is not now
+    assert len(light.suns.views[2]) == 3
+    light.find_suns(torch.ones_like(sky), model.buffers)
+    assert light.suns is None

@@ -15,7 +15,7 @@ import torch
 from exmesh_graph.shading import brdf
 from exmesh_graph.shading.envmap import Pyramid
 from exmesh_graph.stage2.gbuffer import ViewBuffer
-from exmesh_graph.stage2.light.sparse import Sparse, shared_lobes
+from exmesh_graph.stage2.light.sparse import CROSSINGS, Sparse, shared_lobes, spacing
 from exmesh_graph.stage2.light.traced import HitRadiance, traced_specular
 from exmesh_graph.stage2.maps import Material
 from exmesh_graph.stage2.surface import SurfaceSamples
@@ -25,9 +25,6 @@ if TYPE_CHECKING:
 
 #: Bounds of the factor: where the split sum is nearly black the ratio means nothing.
 LARGEST = 4.0
-#: Pixels at the crossings of a view at least. They are a 400 x 400 picture's, whose object fills a quarter of it: what
-#: a larger one adds is nearer to its neighbours.
-CROSSINGS = 40_000
 
 
 @torch.no_grad()
@@ -42,7 +39,7 @@ def measured_specular_scale(
     crossings: int = CROSSINGS,
 ) -> torch.Tensor:
     """A view's factor [N, 3]; the mesh sends `sent` to where a ray meets it."""
-    every = max(1, math.isqrt(len(buffer.pixel) // crossings))
+    every = spacing(len(buffer.pixel), crossings)
     surface = light.surface(buffer, material)
     rest = prepared, environment, sent, generator
     if every == 1:

@@ -37,8 +37,8 @@ from exmesh_graph.shading.specular import (
 from exmesh_graph.stage2.fused.view import SpecularTables
 from exmesh_graph.stage2.gbuffer import ViewBuffer
 from exmesh_graph.stage2.light.correction import measured_specular_scale
+from exmesh_graph.stage2.light.fitted_suns import FittedSuns, find_fitted_suns
 from exmesh_graph.stage2.light.fused_lobes import visible_share
-from exmesh_graph.stage2.light.traced import FittedSuns, find_fitted_suns
 from exmesh_graph.stage2.maps import Appearance, Footprint, Material, MaterialMaps
 from exmesh_graph.stage2.settings import DecompositionSettings
 from exmesh_graph.stage2.surface import (
@@ -251,7 +251,7 @@ class PrecomputedLight:
     def find_suns(self, environment: torch.Tensor, buffers: Iterable[ViewBuffer]) -> None:
         """Keep small suns of `environment` [H, W, 3] apart from now on, where they stand still."""
         if self.frames is None and not self.moves:  # their light is kept per pixel, for its smooth normal
-            self.suns = find_fitted_suns(environment, self.operators, self.geometry, self.tracer, buffers)
+            self.suns = find_fitted_suns(environment, self.operators, self.geometry, self.tracer, buffers, self.suns)
 
     def state(self, buffers: Iterable[ViewBuffer]) -> dict[str, Any]:
         suns = None if self.suns is None else self.suns.state()

@@ -6,6 +6,7 @@ crossings of every n-th row and column are enough, with all that these do not sp
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -17,6 +18,9 @@ from exmesh_graph.shading import brdf
 from exmesh_graph.stage2.gbuffer import ViewBuffer
 from exmesh_graph.stage2.surface import SurfaceSamples
 
+#: Pixels at the crossings of a view at least. They are a 400 x 400 picture's, whose object fills a quarter of it: what
+#: a larger one adds is nearer to its neighbours.
+CROSSINGS = 40_000
 #: Crossings speak for a pixel between them where their shares come to this at least; else it is measured itself.
 HEARD = 0.5
 
@@ -42,8 +46,7 @@ class Sparse(NamedTuple):
         """The crossings of every n-th row and column, which count with the four crossings next to them, and pixels that
         these do not speak for, which count with those of their kind beside them."""
         near, share = find_near(buffer, surface, roughness, every)
-        width = buffer.box[1]
-        crossing = ((buffer.box_pixel // width) % every == 0) & ((buffer.box_pixel % width) % every == 0)
+        crossing = buffer.crossings(every)
         heard = share.sum(1)
         measured = crossing | (heard < HEARD)
         rows, others = torch.nonzero(measured)[:, 0], torch.nonzero(~measured)[:, 0]
@@ -63,6 +66,11 @@ class Sparse(NamedTuple):
         whole[self.rows] = factor
         whole[self.others] = (factor[self.corners] * self.weight[..., None]).sum(1)
         return whole
+
+
+def spacing(pixels: int, crossings: int = CROSSINGS) -> int:
+    """n such that every n-th row and column of a view of so many `pixels` leave `crossings` at least; 1: all."""
+    return max(1, math.isqrt(pixels // crossings))
 
 
 def shared_lobes(

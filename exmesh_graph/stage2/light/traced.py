@@ -6,25 +6,19 @@ The lobe is sampled by GGX, with the mesh's own light where a ray meets it; a su
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import torch
 
-from exmesh_graph.gpu.cores import share
-from exmesh_graph.gpu.torch_setup import tensor_of
 from exmesh_graph.rays import RayTracer, offset_origins
 from exmesh_graph.shading import brdf
 from exmesh_graph.shading.envmap import Pyramid
-from exmesh_graph.shading.operators import LightTransport
 from exmesh_graph.shading.point_sets import sobol_points
-from exmesh_graph.shading.suns import Suns, find_suns, sun_transfer, unoccluded
-from exmesh_graph.shading.transport import lattice_origins
-from exmesh_graph.stage2.gbuffer import ViewBuffer
+from exmesh_graph.shading.suns import Suns, unoccluded
 from exmesh_graph.stage2.light.fused_lobes import trace_lobes
 from exmesh_graph.stage2.light.lobes import Sky
-from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples
+from exmesh_graph.stage2.surface import SurfaceSamples
 
 #: (face int64 [N], bary [N, 3]) -> diffuse radiance [N, 3] that the surface sends out there.
 HitRadiance = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
@@ -105,62 +99,3 @@ class SunRays:
             f = diffuse + brdf.specular(normal, view, towards, roughness, f0) * mirrored
             result += (f * cosine[..., None] * flux[:, None]).sum(0)
         return result / len(self.towards)
-
-
-@dataclass(frozen=True)
-class FittedSuns:
-    """The suns of a fit's environment as it was last measured, and where their light goes.
-
-    lattice    [P, S], irradiance of lattice points per flux (shading.suns.sun_transfer);  views  the same of a view's
-               pixels, [N, S] by the view's number;  operators  the transport with the suns as further directions
-    """
-
-    suns: Suns
-    lattice: torch.Tensor
-    views: Mapping[int, torch.Tensor]
-    operators: LightTransport
-
-    def under(self, operators: LightTransport) -> FittedSuns:
-        """The same with another transport of the same mesh."""
-        return replace(self, operators=operators.with_columns(self.lattice))
-
-    def state(self) -> dict[str, Any]:
-        return {"suns": dict(vars(self.suns)), "lattice": self.lattice, "views": dict(self.views)}
-
-    @classmethod
-    def restored(cls, kept: Mapping[str, Any], operators: LightTransport) -> FittedSuns:
-        device = operators.transfer.device
-        told: dict[str, Any] = {
-            name: value.to(device) if isinstance(value, torch.Tensor) else tuple(value)
-            for name, value in kept["suns"].items()
-        }
-        lattice = kept["lattice"].to(device)
-        views = {number: transfer.to(device) for number, transfer in kept["views"].items()}
-        return cls(Suns(**told), lattice, views, operators.with_columns(lattice))
-
-
-@torch.no_grad()
-def find_fitted_suns(
-    environment: torch.Tensor,
-    operators: LightTransport,
-    geometry: CarrierGeometry,
-    tracer: RayTracer,
-    buffers: Iterable[ViewBuffer],
-) -> FittedSuns | None:
-    """The suns of `environment`, traced from the lattice and all views' pixels; None where there are none."""
-    light, device = operators.light, geometry.device
-    suns = find_suns(environment, len(light.directions))
-    if not len(suns):
-        return None
-    vertices, faces = geometry.vertices.cpu().numpy(), geometry.faces.cpu().numpy()
-    origins = tensor_of(lattice_origins(light, vertices, faces, tracer.radius)).to(device)
-    flat = geometry.face_normals[torch.from_numpy(light.point_face.astype("int64")).to(device)]
-    lattice = sun_transfer(suns, origins, tensor_of(light.normals).to(device), flat, tracer)
-
-    @torch.no_grad()  # a thread's own switch
-    def traced(buffer: ViewBuffer) -> tuple[int, torch.Tensor]:
-        surface = buffer.samples(geometry)
-        start = offset_origins(surface.position, surface.flat.double(), tracer.radius)
-        return buffer.number, sun_transfer(suns, start, surface.normal, surface.flat, tracer)
-
-    return FittedSuns(suns, lattice, dict(share(traced, buffers)), operators.with_columns(lattice))
