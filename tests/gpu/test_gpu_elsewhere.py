@@ -28,6 +28,7 @@ from exmesh_graph.stage2 import palette
 from exmesh_graph.stage2.alike import Alike
 from exmesh_graph.stage2.fit import fit
 from exmesh_graph.stage2.init import neutral_asset
+from exmesh_graph.stage2.light import sparse
 from exmesh_graph.stage2.render import render_views
 from exmesh_graph.stage2.settings import DecompositionSettings, StartSettings
 
@@ -77,6 +78,11 @@ def _stage2_of_the_graphs(device: torch.device | str) -> Arrays:
     return {"base colour": asset.base_color, "roughness": asset.roughness, "environment": asset.environment}
 
 
+def _stage2_of_large_views(device: torch.device | str) -> Arrays:
+    with patch.object(sparse, "CROSSINGS", 60):
+        return _stage2(device)
+
+
 def _gaussians(device: torch.device | str) -> Arrays:
     settings = PgsrSettings(iterations=4, count=200, downscale=1, geometry_from=0.5)
     found = pgsr(testing.views(count=3, size=32), settings, device=device)[0]
@@ -99,6 +105,7 @@ TASKS: dict[str, Task] = {
     "Stage I": _stage1,
     "Stage II": _stage2,
     "Stage II of the graphs": _stage2_of_the_graphs,
+    "Stage II of large views": _stage2_of_large_views,
     "Gaussians": _gaussians,
     "carrier": _carrier_picture,
     "asset": _asset_picture,

@@ -15,7 +15,7 @@ import torch
 from exmesh_graph.shading import brdf
 from exmesh_graph.shading.envmap import Pyramid
 from exmesh_graph.stage2.gbuffer import ViewBuffer
-from exmesh_graph.stage2.light.sparse import CROSSINGS, Sparse, shared_lobes, spacing
+from exmesh_graph.stage2.light.sparse import Sparse, shared_lobes, spacing
 from exmesh_graph.stage2.light.traced import HitRadiance, traced_specular
 from exmesh_graph.stage2.maps import Material
 from exmesh_graph.stage2.surface import SurfaceSamples
@@ -36,7 +36,7 @@ def measured_specular_scale(
     environment: torch.Tensor,
     sent: HitRadiance,
     generator: torch.Generator,
-    crossings: int = CROSSINGS,
+    crossings: int | None = None,
 ) -> torch.Tensor:
     """A view's factor [N, 3]; the mesh sends `sent` to where a ray meets it."""
     every = spacing(len(buffer.pixel), crossings)

@@ -16,7 +16,7 @@ from exmesh_graph.shading.point_sets import sobol_points
 from exmesh_graph.shading.suns import SUN_RAYS, Suns, find_suns, open_irradiance, overlap, seen_irradiance, sun_transfer
 from exmesh_graph.shading.transport import lattice_origins
 from exmesh_graph.stage2.gbuffer import ViewBuffer
-from exmesh_graph.stage2.light.sparse import CROSSINGS, find_near, spacing
+from exmesh_graph.stage2.light.sparse import find_near, spacing
 from exmesh_graph.stage2.surface import CarrierGeometry, SurfaceSamples
 
 #: Suns stay as they were traced while this share of each one's light leaves from where it did.
@@ -94,7 +94,7 @@ def find_fitted_suns(
 
 @torch.no_grad()
 def view_transfer(
-    suns: Suns, buffer: ViewBuffer, surface: SurfaceSamples, tracer: RayTracer, crossings: int = CROSSINGS
+    suns: Suns, buffer: ViewBuffer, surface: SurfaceSamples, tracer: RayTracer, crossings: int | None = None
 ) -> torch.Tensor:
     """`sun_transfer` [N, S] of a view's pixels.
 

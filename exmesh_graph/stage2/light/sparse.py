@@ -68,9 +68,10 @@ class Sparse(NamedTuple):
         return whole
 
 
-def spacing(pixels: int, crossings: int = CROSSINGS) -> int:
-    """n such that every n-th row and column of a view of so many `pixels` leave `crossings` at least; 1: all."""
-    return max(1, math.isqrt(pixels // crossings))
+def spacing(pixels: int, crossings: int | None = None) -> int:
+    """n such that every n-th row and column of a view of so many `pixels` leave `crossings` (None: CROSSINGS) at least;
+    1: all."""
+    return max(1, math.isqrt(pixels // (crossings or CROSSINGS)))
 
 
 def shared_lobes(
