@@ -34,9 +34,9 @@ def neighbours(count: int, edges: torch.Tensor) -> Neighbours:
     return Neighbours(starts, ends[:, 1].to(torch.int32).contiguous(), inverse)
 
 
-def serves(tensor: torch.Tensor) -> bool:
-    """Whether the kernels compute with the tensor."""
-    return tensor.device.type == "cpu" and tensor.dtype == torch.float32 and tensor.is_contiguous()
+def serves(*tensors: torch.Tensor) -> bool:
+    """Whether the kernels compute with the tensors."""
+    return all(t.device.type == "cpu" and t.dtype == torch.float32 and t.is_contiguous() for t in tensors)
 
 
 def unevenness(vertices: torch.Tensor, of: Neighbours, times: int, scale: float) -> torch.Tensor:

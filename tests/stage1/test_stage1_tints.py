@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from exmesh_graph.gpu.cores import cores
 from exmesh_graph.optim import adam_step
 from exmesh_graph.stage1.appearance.directional import COUNTS, plain_tints
-from exmesh_graph.stage1.appearance.tints import fused_tints, serves, step_residual
+from exmesh_graph.stage1.appearance.tints import fused_tints, step_residual
+from exmesh_graph.stage1.vertices import serves
 
 
 def made(count, harmonics, seed, distance=3.0):

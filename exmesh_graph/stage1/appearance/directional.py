@@ -21,7 +21,8 @@ from exmesh_graph.gpu.cores import shared
 from exmesh_graph.optim import adam_step
 from exmesh_graph.stage1.appearance.colours import UVTexture
 from exmesh_graph.stage1.appearance.model import GRAZED, Moments, Surface
-from exmesh_graph.stage1.appearance.tints import fused_tints, serves, step_residual
+from exmesh_graph.stage1.appearance.tints import fused_tints, step_residual
+from exmesh_graph.stage1.vertices import serves
 from exmesh_graph.targets import Targets
 
 COUNTS = {1: 3, 2: 8}

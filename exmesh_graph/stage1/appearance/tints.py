@@ -27,11 +27,6 @@ def kernels() -> Any:
     return kernels_tints
 
 
-def serves(*tensors: torch.Tensor) -> bool:
-    """Whether the kernels compute with the tensors."""
-    return all(t.device.type == "cpu" and t.dtype == torch.float32 and t.is_contiguous() for t in tensors)
-
-
 def fused_tints(
     vertices: torch.Tensor, residual: torch.Tensor, mean: torch.Tensor, eye: tuple[float, float, float]
 ) -> torch.Tensor:
