@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from benchmarks import corrections
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.lattice import face_starts
 from exmesh_graph.shading.operators import at_surface
@@ -191,6 +192,15 @@ def test_a_view_of_many_pixels_is_measured_as_well_at_its_crossings(model):
         for name, crossings in (("all", len(buffer.pixel)), ("some", len(buffer.pixel) // 4)):
             wrong.setdefault(name, []).append(float((found(crossings, 16) - exact).abs().mean()))
     assert np.mean(wrong["some"]) < np.mean(wrong["all"])
+
+
+def test_the_benchmark_of_corrections_tells_both_ways_apart(model, monkeypatch):
+    monkeypatch.setattr(corrections, "MANY", 64)
+    settings = model.light.settings
+    whole, crossings = corrections.factors(model, 80)
+    assert 0 < crossings.rms < whole.rms < 0.5
+    assert model.light.settings is settings
+    assert corrections.suns(model, 80) == []
 
 
 def test_hits_send_what_they_scatter_of_their_irradiance(model):
