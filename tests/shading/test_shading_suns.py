@@ -10,7 +10,7 @@ from exmesh_graph.rays import make_ray_tracer
 from exmesh_graph.shading import envmap
 from exmesh_graph.shading.operators import LightTransport
 from exmesh_graph.shading.point_sets import sobol_points
-from exmesh_graph.shading.suns import find_suns, overlap, sun_transfer, unoccluded
+from exmesh_graph.shading.suns import find_suns, open_irradiance, overlap, seen_irradiance, sun_transfer, unoccluded
 from exmesh_graph.shading.transport import lattice_origins, trace_transport, with_bounces
 from tests.shading.monte_carlo_scenes import wall_and_floor
 from tests.shading.shading_statistics import chi_square_excess
@@ -195,3 +195,16 @@ def test_overlap_is_the_light_that_leaves_from_the_same_places():
     moved[20, 50] = 0.01
     assert overlap(suns, find_suns(moved, 64)) == 0
     assert overlap(suns, find_suns(torch.ones(16, 32, 3), 64)) == 0
+
+
+def test_open_irradiance_is_what_is_seen_where_nothing_stands_in_the_way():
+    away = make_ray_tracer(np.array([[90.0, 0, 0], [91, 0, 0], [90, 1, 0]]), np.array([[0, 1, 2]]))
+    generator = torch.Generator().manual_seed(0)
+    normal, flat, towards = (
+        torch.nn.functional.normalize(torch.randn(count, 3, generator=generator), dim=-1) for count in (400, 400, 8)
+    )
+    free = open_irradiance(towards, normal, flat)
+    seen = seen_irradiance(towards, torch.zeros(400, 3, dtype=torch.float64), normal, flat, away)
+    torch.testing.assert_close(seen, free)
+    cosine = (normal @ towards.T).clamp_min(0) * (flat @ towards.T > 0)
+    torch.testing.assert_close(free, cosine.mean(1))

@@ -105,6 +105,19 @@ def test_rays_of_neighbours_count_as_far_as_their_lobes_are_a_pixels_own(model, 
     assert count * shared == pytest.approx(16)
 
 
+def test_some_pixels_of_a_buffer_have_all_that_was_theirs(model):
+    """Whatever a view's buffer keeps for each of its pixels, by what has as many rows."""
+    buffer = model.buffers[0]
+    count, rows = len(buffer.pixel), torch.tensor([3, 11, 4])
+    assert count not in (len(buffer.pairs), 3)
+    some = buffer.at(rows)
+    for whole, part in ((buffer, some), (buffer.light, some.light)):
+        kept = {name for name, value in vars(whole).items() if isinstance(value, torch.Tensor) and len(value) == count}
+        for name in kept - {"neighbours"}:  # made when asked for, of the pairs
+            assert torch.equal(getattr(part, name), getattr(whole, name)[rows]), name
+    assert some.neighbours.tolist() == [[k] * 4 for k in range(3)]
+
+
 @pytest.mark.parametrize("every", [2, 3])
 @pytest.mark.parametrize("roughness", [0.15, 0.5])
 def test_crossings_and_what_they_do_not_speak_for_are_measured(model, every, roughness):

@@ -4,9 +4,10 @@
 
 No sampling noise in value or gradient.
 
-`c`, kept per pixel, is what the split sum leaves out. It starts as the share of the lobe that sees the sky (from the K
-rays of the light transport). Now and then it becomes traced(theta_now) / split_sum(theta_now): then the forward model
-equals the traced one at theta_now (stretched lobes, true visibility, the mesh mirrored in itself) while gradients still
+`c`, kept per pixel, is what the split sum leaves out. Before a fit that starts from nothing it is the share of the lobe
+that sees the sky (from the K rays of the light transport). Now and then, and at the start of a fit that goes on from an
+asset, it becomes traced(theta_now) / split_sum(theta_now) (`correction`): then the forward model equals the traced one
+at theta_now (stretched lobes, true visibility, the mesh mirrored in itself) while gradients still
 come from the cheap term. As the fit settles, so does `c`: a defect correction.
 """
 
